@@ -16,8 +16,9 @@ from typing import Any
 import h5py
 import numpy as np
 import scipy.io
-from nptdms import ChannelObject, RootObject, TdmsWriter
 
+from benchmarks import made_files
+from benchmarks.made_files import binary_58, clock, function_58
 from benchmarks.page import table
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
@@ -181,53 +182,6 @@ def _test_lab(label: str, values: np.ndarray, *, factor: float | None, info: str
     return {"x_values": axis, "y_values": {"values": values, "quantity": quantity}, **more}
 
 
-def _lvm(head: Mapping[str, Sequence[Any]], names: Sequence[str], columns: Sequence[Sequence[Any]], **how: Any) -> str:
-    sep, decimal = how.get("sep", "\t"), how.get("decimal", ".")
-    first = ["LabVIEW Measurement", "Writer_Version\t2", "Reader_Version\t2"]
-    first += [f"Separator\t{'Tab' if sep == chr(9) else 'Comma'}", f"Decimal_Separator\t{decimal}"]
-    first += [
-        "Multi_Headings\tNo",
-        f"X_Columns\t{how.get('x', 'One')}",
-        "Time_Pref\tRelative",
-        "***End_of_Header***",
-        "",
-    ]
-    lines = [line.replace("\t", sep) for line in first]
-    lines += [f"Channels{sep}{len(names)}"]
-    lines += [sep.join([key, *map(str, cells)]).replace(".", decimal) for key, cells in head.items()]
-    lines += ["***End_of_Header***", sep.join(["X_Value", *names, "Comment"])]
-    for i in range(max(len(c) for c in columns)):
-        cells = [repr(float(c[i])) if i < len(c) and c[i] is not None else "" for c in columns]
-        lines.append(sep.join(cells).replace(".", decimal))
-    return "\n".join(lines) + "\n"
-
-
-def _uff(
-    values: np.ndarray, *, units: Sequence[str] = ("m/s^2", "N"), kinds: Sequence[int] = (12, 13), **how: Any
-) -> str:
-    """A data set 58 of an FRF, even lines, double precision, written from the format's description."""
-    end = how.get("end", "\n")
-    lines = ["    -1", "    58", how.get("name", "FRF of the tip"), "NONE", "26-NOV-26 10:00:00", "NONE", "NONE"]
-    lines.append(f"{4:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10}{3:10d}{3:4d} {'NONE':<10}{1:10d}{3:4d}")
-    lines.append(f"{6:10d}{values.size:10d}{1:10d}{2.0:13.5E}{2.0:13.5E}{0.0:13.5E}")
-    for kind, unit in zip((18, *kinds, 0), ("Hz", *units, "NONE"), strict=True):
-        lines.append(f"{kind:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}")
-    numbers = [f"{x:20.11E}" for x in values.view(float).tolist()]
-    lines += ["".join(numbers[i : i + 4]) for i in range(0, len(numbers), 4)]
-    lines += ["    -1"]
-    return end.join(lines) + end
-
-
-def _uff_binary(values: np.ndarray, order: str, tail: bytes = b"") -> bytes:
-    text = _uff(values).split("\n")
-    head = [
-        text[0],
-        f"{58:6d}b{1 if order == '<' else 2:6d}{2:6d}{11:12d}{16 * values.size:12d}" + f"{0:6d}{0:6d}{0:12d}{0:12d}",
-    ]
-    body = values.astype(complex).view(float).astype(f"{order}f8").tobytes()
-    return "\n".join([*head, *text[2:13]]).encode() + b"\n" + body + b"\n    -1\n" + tail
-
-
 def _complex(form: Callable[[complex], str], sep: str, head: str = "") -> Callable[[Path], None]:
     return write_bytes(head + "".join(f"{f!r}{sep}{form(z)}\n" for f, z in zip(F.tolist(), H.tolist(), strict=True)))
 
@@ -248,45 +202,20 @@ def _matlab_4(order: str, **arrays: Any) -> bytes:
     return content
 
 
-def _groups(*groups: tuple[str, Mapping[str, tuple[np.ndarray, float, str]]]) -> Callable[[Path], None]:
-    def write(path: Path) -> None:
-        objects = [RootObject({"name": "test"})]
-        for group, channels in groups:
-            for name, (values, step, unit) in channels.items():
-                properties = {"wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit}
-                objects.append(ChannelObject(group, name, values, properties=properties))
-        with TdmsWriter(str(path)) as writer:
-            writer.write_segment(objects)
-
-    return write
-
-
 MKS = "Data saved by Test.Lab in MKS"
 SEEN = {"hammer": FORCE, "tip": TIP}
 _TWO = np.r_[0.0, F, -F[-2::-1]]  # 0, 2, ..., 512, -510, ..., -2
 _TWO_H = np.r_[0.1, H, H[-2::-1].conj()]
 _HALF = {"frfs": [np.r_[0.1, H]], "lines": np.r_[0.0, F]}
 _PAIR = np.column_stack([H.real, H.imag])
-_SPECTRUM = {
-    "Samples": [256] * 2,
-    "Y_Unit_Label": ["m/s^2/N", "deg"],
-    "X_Dimension": ["Frequency"] * 2,
-    "X0": [2.0] * 2,
-    "Delta_X": [2.0] * 2,
-}
-_CLOCK = {
-    "Samples": [200] * 2,
-    "Y_Unit_Label": ["N", "m/s^2"],
-    "X_Dimension": ["Time"] * 2,
-    "X0": [0.0] * 2,
-    "Delta_X": [1 / RATE] * 2,
-}
 _NAMES = ["Frequency Response (Magnitude)", "Frequency Response (Phase)"]
+_EVEN = {"first": 2.0, "step": 2.0}
 
 
-def _clocks(samples: Sequence[int], steps: Sequence[float], units: Sequence[str]) -> dict[str, Sequence[Any]]:
-    n = len(samples)
-    return {"Samples": samples, "Y_Unit_Label": units, "X_Dimension": ["Time"] * n, "X0": [0.0] * n, "Delta_X": steps}
+def _spectrum(unit: str, size: np.ndarray) -> Callable[[Path], None]:
+    """Magnitude and phase of the FRF as LabVIEW writes them."""
+    header = made_files.head([unit, "deg"], F.size, 2.0, 2.0, "Frequency")
+    return write_bytes(made_files.lvm(_NAMES, [F, size, _DEGREES], header))
 
 
 def _si() -> dict[str, Variant]:
@@ -356,56 +285,24 @@ def _containers() -> dict[str, Variant]:
 def _side_channels() -> dict[str, Variant]:
     kind = "another clock or length"
     slow = RNG.normal(size=5)
-    named = {"hammer": FORCE, "tip": TIP}
-    of_two = ["hammer", "tip", "temperature"]
+    header = made_files.head(["N", "m/s^2", "C"], [200, 200, 5], step=[1 / RATE, 1 / RATE, 0.5])
+    fast = [("hammer", FORCE, clock("N", 1 / RATE)), ("tip", TIP, clock("m/s^2", 1 / RATE))]
+
+    def with_slow(**how: str) -> Variant:
+        text = made_files.lvm(["hammer", "tip", "temperature"], [TIME, FORCE, TIP, slow], header, **how)
+        return Variant(kind, write_bytes(text), histories=SEEN)
+
     return {
-        "LVM, a slow third": Variant(
-            kind,
-            write_bytes(
-                _lvm(
-                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
-                    of_two,
-                    [TIME, FORCE, TIP, slow],
-                )
-            ),
-            histories=named,
-        ),
-        "LVM, commas": Variant(
-            kind,
-            write_bytes(
-                _lvm(
-                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
-                    of_two,
-                    [TIME, FORCE, TIP, slow],
-                    sep=",",
-                )
-            ),
-            histories=named,
-        ),
-        "LVM, decimal comma": Variant(
-            kind,
-            write_bytes(
-                _lvm(
-                    _clocks([200, 200, 5], [1 / RATE, 1 / RATE, 0.5], ["N", "m/s^2", "C"]),
-                    of_two,
-                    [TIME, FORCE, TIP, slow],
-                    decimal=",",
-                )
-            ),
-            histories=named,
-        ),
+        "LVM, a slow third": with_slow(),
+        "LVM, commas": with_slow(separator="Comma"),
+        "LVM, decimal comma": with_slow(decimal=","),
         "TDMS, a slow group": Variant(
             kind,
-            _groups(
-                ("fast", {"hammer": (FORCE, 1 / RATE, "N"), "tip": (TIP, 1 / RATE, "m/s^2")}),
-                ("slow", {"temperature": (slow, 0.5, "degC")}),
-            ),
-            histories={**named, "temperature": slow},
+            write_bytes(made_files.tdms({"fast": fast, "slow": [("temperature", slow, clock("degC", 0.5))]})),
+            histories={**SEEN, "temperature": slow},
             rates={"temperature": 2.0},
         ),
-        "MAT, five temperatures": Variant(
-            kind, _mat(fs=RATE, hammer=FORCE, tip=TIP, temperature=slow), histories=named
-        ),
+        "MAT, five temperatures": Variant(kind, _mat(fs=RATE, **SEEN, temperature=slow), histories=SEEN),
         "FRF beside five readings": Variant(kind, _mat(freq=F, FRF=H, temperature=slow), [H]),
     }
 
@@ -478,15 +375,8 @@ def _polar() -> dict[str, Variant]:
     radians = np.angle(H)
     with_c = {"frfs": [H], "coherence": COHERENCE}
     return {
-        "LVM in m/s^2/N": Variant(
-            kind, write_bytes(_lvm(_SPECTRUM, _NAMES, [F, _SIZE, _DEGREES])), [H], quantity="accelerance"
-        ),
-        "LVM in decibels": Variant(
-            kind,
-            write_bytes(_lvm(_SPECTRUM | {"Y_Unit_Label": ["dB", "deg"]}, _NAMES, [F, _DB, _DEGREES])),
-            [H],
-            open_unit=True,
-        ),
+        "LVM in m/s^2/N": Variant(kind, _spectrum("m/s^2/N", _SIZE), [H], quantity="accelerance"),
+        "LVM in decibels": Variant(kind, _spectrum("dB", _DB), [H], open_unit=True),
         "text, decibels": Variant(
             kind, write_bytes(_columns("Frequency (Hz),FRF (dB),Phase (deg)\n", F, _DB, _DEGREES)), [H], open_unit=True
         ),
@@ -515,23 +405,30 @@ def _polar() -> dict[str, Variant]:
 def _universal() -> dict[str, Variant]:
     kind = "universal files"
     odd = H[:255]
-    text, lines = _uff(H), {"lines": F[:255]}
-    zeros = _uff(odd).rstrip("\n").split("\n")
+    text, lines = function_58(H, **_EVEN), {"lines": F[:255]}
+    zeros = function_58(odd, **_EVEN).rstrip("\n").split("\n")
     zeros[-2] += f"{0.0:20.11E}" * (4 - len(zeros[-2]) // 20)
     return {
         "last line of zeros": Variant(
             kind, write_bytes("\n".join(zeros) + "\n"), [odd], quantity="accelerance", **lines
         ),
         "last line of blanks": Variant(
-            kind, write_bytes("\n".join(f"{line:<80}" for line in _uff(odd).split("\n"))), [odd], **lines
+            kind,
+            write_bytes("\n".join(f"{line:<80}" for line in function_58(odd, **_EVEN).split("\n"))),
+            [odd],
+            **lines,
         ),
         "a letter before it": Variant(kind, write_bytes("Analyser 7, run 12\nfor A. Miller\n" + text), [H]),
-        "DOS, Ctrl-Z": Variant(kind, write_bytes(_uff(H, end="\r\n") + "\x1a"), [H]),
+        "DOS, Ctrl-Z": Variant(kind, write_bytes(text.replace("\n", "\r\n") + "\x1a"), [H]),
         "g under an acceleration": Variant(
-            kind, write_bytes(_uff(H / G, units=("g", "N"))), [H], quantity="accelerance"
+            kind, write_bytes(function_58(H / G, units=("Hz", "g", "N"), **_EVEN)), [H], quantity="accelerance"
         ),
-        "binary, big end first": Variant(kind, write_bytes(_uff_binary(H, ">")), [H], quantity="accelerance"),
-        "binary, Ctrl-Z": Variant(kind, write_bytes(_uff_binary(H, "<", b"\x1a")), [H], quantity="accelerance"),
+        "binary, big end first": Variant(
+            kind, write_bytes(binary_58(H, ">", tail=b"\n", **_EVEN)), [H], quantity="accelerance"
+        ),
+        "binary, Ctrl-Z": Variant(
+            kind, write_bytes(binary_58(H, tail=b"\n", **_EVEN) + b"\x1a"), [H], quantity="accelerance"
+        ),
         "no delimiter at the end": Variant(
             kind,
             write_bytes(text.rstrip("\n").removesuffix("    -1")),

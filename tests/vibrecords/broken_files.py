@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from benchmarks.made_files import function_58, header_164
 
 from tests.vibrecords.array_trees import WRITERS
-from tests.vibrecords.uff_text import function_58, header_164
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, records_of_frf, write_records

@@ -9,9 +9,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from benchmarks.made_files import function_58
 
 from tests.vibrecords.broken_files import FRF, npz_bytes
-from tests.vibrecords.uff_text import function_58
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError
 from vibrecords.formats import (

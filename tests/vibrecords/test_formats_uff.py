@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 import pyuff
+from benchmarks.made_files import function_58, header_164
 
-from tests.vibrecords.uff_text import function_58, header_164
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf, write_frf

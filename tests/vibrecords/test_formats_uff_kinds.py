@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 import pyuff
+from benchmarks.made_files import function_58, header_164, mode_55
 
 from tests.vibrecords.broken_files import refusal
-from tests.vibrecords.uff_text import function_58, header_164, mode_55
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, uff_data_sets, write_records
 from vibrecords.inspection import inspect_file

@@ -7,64 +7,11 @@ import nptdms
 import numpy as np
 import openpyxl
 import pytest
+from benchmarks.made_files import STEP, clock, head, lvm, segment, tdms
 
 from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, same, spectrum, time
 from vibrecords.formats import detect_format, iter_records
 from vibrecords.records import TimeRecord
-
-STEP = 1 / 2048
-
-
-def lvm(names, columns, header, *, layout="One", decimal=".", comment="", separator="Tab", stated=True, tail="\n"):
-    """A file in National Instruments' specification for the LabVIEW measurement file, of one segment."""
-    sep = {"Tab": "\t", "Comma": ","}[separator]
-    n = len(names)
-    lines = [
-        f"LabVIEW Measurement{sep}",
-        f"Writer_Version{sep}{'2' if stated else '0.92'}",
-        f"Separator{sep}{separator}",
-        *([f"Decimal_Separator{sep}{decimal}"] if stated else []),
-        f"Multi_Headings{sep}Yes",
-        f"X_Columns{sep}{layout}",
-        f"Time_Pref{sep}Absolute",
-        f"Date{sep}2026/02/03",
-        f"Time{sep}09:51:39{decimal}19705",
-        f"***End_of_Header***{sep}",
-        sep,
-    ]
-    return "\n".join(lines) + "\n" + segment(names, columns, header, layout, decimal, comment, sep, n) + tail
-
-
-def segment(names, columns, header, layout="One", decimal=".", comment="", sep="\t", n=None):
-    n = len(names)
-
-    def cells(values):
-        spread = [cell for value in values for cell in (value, "")] if layout == "Multi" else values
-        return sep.join(map(str, spread))
-
-    lines = [f"Channels{sep}{n}" + sep * (2 * n if layout == "Multi" else n)]
-    lines += [f"{key}{sep}{cells(values)}{sep}".replace(".", decimal) for key, values in header.items()]
-    lines.append("***End_of_Header***" + sep * (n + 1))
-    lines.append(
-        sep.join(["X_Value", *(f"{sep}X_Value{sep}" if layout == "Multi" else sep).join(names).split(sep), "Comment"])
-    )
-    size = max(len(c) for c in columns)
-    for i in range(size):
-        cells_ = ["" if i >= len(c) or c[i] is None else repr(float(c[i])).replace(".", decimal) for c in columns]
-        lines.append(sep.join(cells_) + (f"{sep}{comment}" if comment and i == 0 else ""))
-    return "\n".join(lines) + "\n"
-
-
-def head(units, samples=16, x0=0.0, step=STEP, dimension="Time"):
-    n = len(units)
-    return {
-        "Samples": [samples] * n,
-        "Y_Unit_Label": units,
-        "X_Dimension": [dimension] * n,
-        "X0": [f"{x0:.16E}"] * n,
-        "Delta_X": [f"{step:.10E}"] * n,
-    }
-
 
 NONE = [None] * 16
 FORCE, TIP = time("Force", A, "force"), time("Tip", G * B, "acceleration", G)
@@ -170,23 +117,6 @@ def test_counts_and_clocks_that_disagree_are_said(tmp_path):
 
 
 # ---- TDMS
-
-
-def tdms(groups):
-    file = io.BytesIO()
-    with nptdms.TdmsWriter(file) as writer:
-        writer.write_segment(
-            [
-                nptdms.ChannelObject(group, name, np.asarray(values), properties=told)
-                for group, channels in groups.items()
-                for name, values, told in channels
-            ]
-        )
-    return file.getvalue()
-
-
-def clock(unit="", step=STEP, **more):
-    return {"wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit} | more
 
 
 TDMS = {

@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 import scipy.io
+from benchmarks.made_files import function_58, mode_55
 
-from tests.vibrecords.uff_text import function_58, mode_55
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
 from vibrecords.formats.read import detect_format, iter_records
