@@ -365,7 +365,9 @@ _LISTED = 40
 
 def contents_text(inspection: Inspection) -> Iterator[str]:
     """What to do with the file, then contents, channels, hits, notes, warnings: what needs no fit."""
-    yield _answer(inspection)
+    count = len(inspection.warnings)
+    first = "".join(f": {warning.sentence}." for warning in inspection.warnings[:1])
+    yield f"{count} warning{'s, the first' * (count > 1)}{first}" if count else "Nothing in it looks wrong."
     yield f"{inspection.source} ({inspection.form})" if inspection.form else inspection.source or "records"
     yield from _first_lines(inspection.kinds, lambda kind, count: f"  {count} × {kind}")
     if inspection.averages:
@@ -380,18 +382,10 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
     if inspection.notes:
         yield from ("", "Done on reading")
         yield from _first_lines(inspection.notes, lambda note, count: f"  {note}" + f" ({count} times)" * (count > 1))
-    yield from ("", f"Warnings ({len(inspection.warnings)})" if inspection.warnings else "No warnings.")
+    yield from ("", f"Warnings ({count})" if count else "No warnings.")
     for number, warning in enumerate(inspection.warnings, 1):
         yield f"  {number}. [{warning.key}] {warning.where}: {warning.sentence}."
         yield f"     What to do: {warning.remedy}."
-
-
-def _answer(inspection: Inspection) -> str:
-    """Whether the measurement can be used as it is."""
-    if not inspection.warnings:
-        return "Nothing in it looks wrong."
-    count = len(inspection.warnings)
-    return f"{count} warning{'s, the first' if count > 1 else ''}: {inspection.warnings[0].sentence}."
 
 
 def resonances_text(inspection: Inspection) -> Iterator[str]:

@@ -81,9 +81,8 @@ class ModalProblem:
 
         def poles_at(x: Array) -> ComplexArray:
             shift, log_growth = x.reshape(2, -1)
-            return pole_of(
-                np.maximum(centre + width * shift, centre / 2), np.minimum(width / centre * np.exp(log_growth), 0.9)
-            )
+            damping = np.minimum(width / centre * np.exp(log_growth), 0.9)
+            return pole_of(np.maximum(centre + width * shift, centre / 2), damping)
 
         def slopes(now: ComplexArray) -> tuple[Array, Array]:
             """JᵀJ and Jᵀr, of steps in x."""
@@ -345,10 +344,8 @@ class ModalProblem:
         """
         omega_r, zeta, omega = np.abs(poles)[:, None], (-poles.real / np.abs(poles))[:, None], self.omega
         per_d = self._per_denominator(poles)
-        by_denominator = per_d * per_d / (self.factor / np.abs(self.factor).max())
-        by_denominator = np.vstack(
-            [(2 * omega_r + 2j * zeta * omega) * by_denominator, 2j * omega * omega_r * by_denominator]
-        )
+        square = per_d * per_d / (self.factor / np.abs(self.factor).max())
+        by_denominator = np.vstack([(2 * omega_r + 2j * zeta * omega) * square, 2j * omega * omega_r * square])
         of_in_phase = -np.tile(omega_r**2, (2, 1)) * by_denominator
         of_quadrature = -1j * omega * (np.tile(omega_r, (2, 1)) * by_denominator)
         of_in_phase[: poles.size] += 2 * omega_r * per_d
@@ -402,9 +399,8 @@ def _gaps(poles: ComplexArray) -> tuple[Array, Array]:
     """
     at, width = np.abs(poles), -poles.real
     both, apart = width[:-1] + width[1:], np.diff(at)
-    return np.concatenate([[0.0], at[:-1] + apart * width[:-1] / both, [np.inf]]), np.concatenate(
-        [[0.0], apart / both, [0.0]]
-    )
+    gaps = np.concatenate([[0.0], at[:-1] + apart * width[:-1] / both, [np.inf]])
+    return gaps, np.concatenate([[0.0], apart / both, [0.0]])
 
 
 def pole_of(omega_r: Array, zeta: Array) -> ComplexArray:

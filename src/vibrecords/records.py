@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,18 @@ _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrfRecord:
+class _OverFrequency:
+    """What stands over lines of frequency: an FRF, a coherence, a spectrum."""
+
+    def at_lines(self, which: Lines) -> Self:
+        """Return some of the lines, by a mask or indices over them or a slice; what is of another size stays whole."""
+        arrays: dict[str, Any] = {name: getattr(self, name, None) for name in ("frequency_hz", "values", "coherence")}
+        on_lines = {name: a for name, a in arrays.items() if np.shape(a) == arrays["frequency_hz"].shape}
+        return replace(self, **{name: array[which] for name, array in on_lines.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfRecord(_OverFrequency):
     """One FRF of a file, in SI units where `factor` is a number; zero lines and NaN are still there.
 
     Parameters
@@ -73,11 +85,6 @@ class FrfRecord:
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values, complex))
         convert_fields(self, read_only, "frequency_hz", "coherence")
-
-    def at_lines(self, which: Lines) -> "FrfRecord":
-        """Return some of the lines: a mask or indices over lines, or a slice."""
-        coherence = None if self.coherence is None else self.coherence[which]
-        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
 
     @property
     def conjugate(self) -> "FrfRecord":
@@ -122,7 +129,7 @@ class TimeRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoherenceRecord:
+class CoherenceRecord(_OverFrequency):
     """A coherence γ², shape (lines,), that stands apart from its FRF: in a file of its own. As `FrfRecord`."""
 
     response: str
@@ -138,7 +145,7 @@ class CoherenceRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpectrumRecord:
+class SpectrumRecord(_OverFrequency):
     """A spectrum of one signal or of two, which is no FRF: listed, never data.
 
     `kind` says in words which, as the file has it: ``"auto spectrum"``, ``"PSD"``, ``"FFT, RMS"``; `values` are as
@@ -208,10 +215,10 @@ def measurable(values: Array | ComplexArray) -> Flags:
 @np.errstate(all="ignore")  # a file may hold any number
 def is_two_sided(axis: NDArray[np.number]) -> bool:
     """Whether an axis has even steps and a negative half, before 0 or, as an FFT has it, behind."""
-    given, rising = axis.astype(float), np.sort(axis).astype(float)
-    if rising.size < 3 or not rising[0] < 0 <= rising[-1]:
+    if axis.size < 3 or not axis.min() < 0 <= axis.max():
         return False
-    steps, drops = np.diff(rising), np.count_nonzero(np.diff(given) <= 0)
+    given = axis.astype(float)
+    steps, drops = np.diff(np.sort(given)), np.count_nonzero(np.diff(given) <= 0)
     ordered = drops == 0 or (drops == 1 and given[0] == 0)
     return bool(ordered and np.abs(steps - np.median(steps)).max() < 1e-3 * np.median(steps))
 
@@ -223,9 +230,7 @@ def non_negative_half(record: Record) -> Record:
     lines = record.frequency_hz
     kept = np.argsort(lines)[np.count_nonzero(lines < 0) :]
     note = f"two-sided axis: {kept.size} of {lines.size} lines, from 0 Hz on"
-    arrays = {key: getattr(record, key, None) for key in ("frequency_hz", "values", "coherence")}
-    cut = {key: value[kept] for key, value in arrays.items() if value is not None}
-    return replace(record, **cut, notes=(*record.notes, note))
+    return replace(record.at_lines(kept), notes=(*record.notes, note))
 
 
 def require_short(where: str, *labels: str) -> None:

@@ -71,6 +71,9 @@ WELL_FORMED = {
         ("".join(function_58(H.real, function=n) for n in (2, 9, 12)) + function_58(H, function=3) + function_58(H),
         [SpectrumRecord] * 4 + [FrfRecord],
         {"kind": "auto spectrum", "channel": "12:Z+", "notes": ("values not read",)}),
+    "a spectrum on lines of both signs":
+        (function_58(np.arange(21.0), function=2, first=-5.0), [SpectrumRecord],
+        {"notes": ("values not read", "two-sided axis: 11 of 21 lines, from 0 Hz on")}),
     "ID lines longer than 80 columns":
         (function_58(H, ids=("x" * 200, *["NONE"] * 4)), [FrfRecord], {"quantity": "accelerance"}),
     "two ID lines more": (function_58(H, ids=("a", "b", "c", "d", "e", "f", "g")), [FrfRecord], {"response": "12:Z+"}),

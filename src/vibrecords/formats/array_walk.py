@@ -293,7 +293,7 @@ def _labels_of_axis(
     stated = block.strings(f"{side}s") if alone and not channel and not digits else []
     note = "channels named by variables or structs of the file"
     if channel:
-        reference = "input 1" if block.has("hf_chan_1") else "channel 1"
+        reference = "input 1" if block.name_of("hf_chan_1") else "channel 1"
         label, note = f"channel {channel[1]}" if is_output else reference, f"{reference} taken as the reference"
     elif digits:
         label = f"{side} {digits[1 if is_output else 2]}"
@@ -336,20 +336,20 @@ def _averages(block: Block) -> int | None:
     return int(values[0])
 
 
-#: Names that other programs give to frequencies, damping ratios and shapes of modes.
+#: What modes are made of as pyOMA names it: the key of a layout, and the names that other programs give.
 _MODES = {
-    "fn": re.compile(r"(?i)^(f_?n|(natural|modal|modes?|resonan[ct]e?|eigen)_?freq(uenc(y|ies)|s)?(_?hz)?)$"),
-    "xi": re.compile(r"(?i)damp.*(ratio|perc|pct)|zeta"),
-    "phi": re.compile(r"(?i)shapes?$|^phi$|^psi$"),
+    "fn": ("mode_frequencies_hz", r"^(f_?n|(natural|modal|modes?|resonan[ct]e?|eigen)_?freq(uenc(y|ies)|s)?(_?hz)?)$"),
+    "xi": ("damping_ratios", r"damp.*(ratio|perc|pct)|zeta"),
+    "phi": ("mode_shapes", r"shapes?$|^phi$|^psi$"),
 }
 
 
 def _mode_names(block: Block) -> dict[str, str]:
     """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
-    ours = {"fn": "mode_frequencies_hz", "xi": "damping_ratios", "phi": "mode_shapes"}
-    keys = ("fn", "fn_std", "xi", "xi_std", "phi")
-    found = {key: next((n for n in (ours.get(key, key), key) if size_of(block.get(n))), "") for key in keys}
-    alike = {key: [found[key]] if found[key] else [*filter(its.search, block.arrays)] for key, its in _MODES.items()}
+    keys = {"fn_std": "fn_std", "xi_std": "xi_std", **{name: key for name, (key, _) in _MODES.items()}}
+    found = {name: next((n for n in (key, name) if size_of(block.get(n))), "") for name, key in keys.items()}
+    alike = {name: [n for n in block.arrays if re.search(its, n, re.I)] for name, (_, its) in _MODES.items()}
+    alike |= {name: [found[name]] for name in _MODES if found[name]}
     alike["fn"] = alike["fn"] or block.named("frequency", 1)
     if len(alike["fn"]) == 1 and not block.named("frf"):
         count = size_of(block.get(*alike["fn"]))
@@ -389,7 +389,7 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         )
     if not ((frequency >= 0) & (frequency <= HIGHEST_HZ)).all():
         raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
-    doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.has(key.lower())]
+    doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.name_of(key.lower())]
     notes += [f"{key} not taken: a variance or a relative one" for key in doubtful]
     dampings = [n for n in block.arrays if "xi" not in names and "damp" in n.lower()]
     notes += [f"'{n}' not taken: a ratio, or another measure; damping_ratios can name it" for n in dampings]
@@ -417,7 +417,7 @@ _NUMBERS = ("f_start_hz", "f_step_hz", "sample_rate_hz")
 #: Keys of a layout that name values; where one is given, nothing else is read.
 _DATA = (
     *("frf", "real", "imaginary", "magnitude", "magnitude_db", "phase", "phase_deg", "phase_rad", "coherence"),
-    *("samples", "force", "response", "mode_frequencies_hz", "damping_ratios", "mode_shapes"),
+    *("samples", "force", "response", *(key for key, _ in _MODES.values())),
 )
 _VALUES = {"", "frf", "coherence", "spectrum", "real", "imaginary", "magnitude", "phase", "signal", "samples"}
 _VALUES |= {"outputs", "inputs"}
@@ -742,15 +742,14 @@ def _not_understood(blocks: list[Block]) -> str:
 def _modes_hint(blocks: list[Block]) -> str:
     """Keys for modes, where as many other numbers stand with a short array of frequencies."""
     for block in blocks:
-        short = [
-            n for n in block.arrays if 1 < size_of(block.get(n)) < _MOST_MODES and not re.search("(?i)omega|loss", n)
-        ]
+        sizes = {n: size_of(v) for n, v in block.arrays.items() if not re.search("(?i)omega|loss", n)}
+        short = [name for name, size in sizes.items() if 1 < size < _MOST_MODES]
         for name in (name for name in short if rises(block.get(name))):
-            same = [n for n in short if n != name and size_of(block.get(n)) == size_of(block.get(name))]
+            same = [n for n in short if n != name and sizes[n] == sizes[name]]
             if len(same) == 1:
-                keys = zip(("mode_frequencies_hz", "damping_ratios"), (name, *same), strict=True)
-                said = ", ".join(f'{key} = "{block.path(n)}"' for key, n in keys)
-                return f", or of modes {said}, and mode_shapes"
+                frequencies, ratios, shapes = (key for key, _ in _MODES.values())
+                said = f'{frequencies} = "{block.path(name)}", {ratios} = "{block.path(same[0])}"'
+                return f", or of modes {said}, and {shapes}"
     return ""
 
 

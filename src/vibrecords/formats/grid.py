@@ -40,7 +40,6 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
         order, NaN or exactly zero.
     """
     frfs: dict[tuple[str, str], FrfRecord] = {}
-    first: FrfRecord | None = None
     for record in records:
         checked = _check(record, where)
         pair = (checked.response, checked.reference)
@@ -49,12 +48,11 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
                 f"{where}: {checked.where}: found the FRF of {pair[0]!r} over {pair[1]!r} again, first in "
                 f"{frfs[pair].where}; expected each pair once; split repeated measurements into files"
             )
-        first = first or checked
-        _same_kind(checked, first, where)
         frfs[pair] = checked
-    if first is None:
+        _same_kind(checked, next(iter(frfs.values())), where)
+    if not frfs:
         raise MeasurementError(f"{where}: found no FRF; expected at least one; time histories must be turned into FRFs")
-    return _grid(frfs, first, where)
+    return _grid(frfs, where)
 
 
 def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
@@ -213,7 +211,8 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
         )
 
 
-def _grid(frfs: dict[tuple[str, str], FrfRecord], first: FrfRecord, where: str) -> FrfSet:
+def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
+    first = next(iter(frfs.values()))
     outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
     rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
     for output, input_ in product(outputs, inputs):

@@ -209,11 +209,9 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
     if layout["x_columns"] != "multi":
         for before, other in itertools.pairwise(clocks):
             if before[1:] != other[1:]:
-                shown, first = (
-                    f"{x0[:20]!r} and Delta_X {step[:20]!r} of {name!r}" for name, x0, step in (other, before)
-                )
+                both = (f"{x0[:20]!r} and Delta_X {step[:20]!r} of {name!r}" for name, x0, step in (other, before))
                 expected = "one clock for one X column; export with an X column for each channel"
-                raise MeasurementError(f"line {segment.line}: found X0 {shown}, {first}; expected {expected}")
+                raise MeasurementError(f"line {segment.line}: found X0 {', '.join(both)}; expected {expected}")
     clock = clocks[0][1:] if clocks else ("", "")
     x0, step = (float_of(text.replace(",", ".") or "0") for text in clock)
     if layout["x_columns"] == "no":

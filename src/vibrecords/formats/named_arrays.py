@@ -228,10 +228,6 @@ class Block:
         name = self.name_of(key)
         return None if name is None else self.arrays[name]
 
-    def has(self, key: str) -> bool:
-        """Whether there is anything known under a name."""
-        return self.get(key) is not None
-
     def stated(self, key: str) -> bool:
         """Whether the user has said which array this is."""
         return key in self.written
@@ -277,7 +273,7 @@ class Block:
     def is_two_sided(self, name: str) -> bool:
         """Whether an axis has a negative half."""
         value = self.get(name)
-        return not (is_complex(value) or isinstance(value, list)) and size_of(value) > 2 and is_two_sided(value.ravel())
+        return isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and is_two_sided(value.ravel())
 
     def unread(self, *read: str) -> list[str]:
         """Notes on arrays whose names say nothing: complex ones, and all of them where some were read as histories."""
@@ -327,9 +323,8 @@ def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  
         array = array.real
     allowed, expected = ("iufc", "complex") if kind is np.complex128 else ("iuf", "real")
     if array.dtype.kind not in allowed:
-        what = (
-            values.what if isinstance(values, Unread) else _KINDS.get(array.dtype.kind, f"data of type {array.dtype}")
-        )
+        of_kind = _KINDS.get(array.dtype.kind, f"data of type {array.dtype}")
+        what = values.what if isinstance(values, Unread) else of_kind
         raise MeasurementError(f"{where}: found {what}; expected {expected} numbers; store it as a numeric array")
     return array.astype(kind, copy=False)
 
@@ -405,7 +400,7 @@ def _of_samples(block: Block, count: int) -> list[_History]:
     """The columns of `samples`, by the lists that go with them."""
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
     units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
-    hits = block.numbers("hits").ravel() if block.has("hits") else np.zeros(count)
+    hits = block.numbers("hits").ravel() if block.name_of("hits") else np.zeros(count)
     if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
         raise MeasurementError(
             f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
@@ -477,7 +472,8 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
     """Sampling rate of an array, in Hz, with notes; refused where two that are told differ by 1 %."""
     interval, axes = block.scalar("interval"), block.named("time")
     rates = [rate for rate in (block.scalar("rate"), 1 / interval if interval else None) if rate is not None]
-    if (not rates and block.has("sample_rate_hz")) or not all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates):
+    possible = all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates)
+    if not possible or (not rates and block.name_of("sample_rate_hz")):
         raise MeasurementError(
             f"{block.where('sample_rate_hz')}: found {f'{rates[0]:g}' if rates else 'no one number'}; expected one "
             f"number above 0 and up to {HIGHEST_HZ:g} Hz; correct it"

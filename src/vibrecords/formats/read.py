@@ -145,14 +145,13 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     path = Path(path)
     count = 0
     kind = detect_format(path)
-    if layout and kind not in _LAID_OUT:
+    if layout and kind in ("uff", "lvm"):
         raise MeasurementError(
             f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5, npz or tables; "
             "take it away"
         )
     try:
-        reader = _READERS[kind]
-        with closing(reader(path, layout or {}) if kind in _LAID_OUT else reader(path)) as records:
+        with closing(_READERS[kind](path, layout or {})) as records:
             for record in records:
                 count += 1
                 if count > MOST_RECORDS:
@@ -202,18 +201,11 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
     yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
 
 
-#: Formats whose readers take a layout.
-_LAID_OUT = ("mat", "mat4", "mat73", "npz", "hdf5", "table", "xlsx", "tdms")
 #: Formats that the first words of a file tell.
-_TOLD_BY_BEGINNING = {
-    b"MATLAB 7.3": "mat73",
-    b"MATLAB 5.0": "mat",
-    b"LabVIEW Measurement": "lvm",
-    b"TDSm": "tdms",
-}
+_TOLD_BY_BEGINNING = {b"MATLAB 7.3": "mat73", b"MATLAB 5.0": "mat", b"LabVIEW Measurement": "lvm", b"TDSm": "tdms"}
 _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
-    "uff": read_uff,
-    "lvm": lambda path: records_of_tables(read_lvm(path)),
+    "uff": lambda path, _: read_uff(path),
+    "lvm": lambda path, _: records_of_tables(read_lvm(path)),
     "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
     "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
     "xlsx": lambda path, layout: records_of_tables([read_xlsx(path)], layout),

@@ -1,7 +1,7 @@
 """FRFs, time histories and spectra of tables, whatever file they stand in: what the columns are is told by evidence."""
 
 import re
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,9 @@ from vibrecords.formats.table_text import Column, ColumnTable, Role, describe, f
 from vibrecords.formats.units import TIME_S, in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
 
+_WHOLE: tuple[set[Role], ...] = ({"real", "imaginary"}, {"magnitude", "phase"})
 _UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
+_EXAMPLE = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
 _DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
 
 
@@ -89,22 +91,17 @@ class _Group:
             self.notes += ("frequency without unit taken as Hz",)
         if rest and not any(columns[i].header or columns[i].unit for i in rest):
             _name_parts(columns, self.values, rest)
-        self.name_magnitudes()
         frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
         others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
-                found, expected = (
-                    describe(columns, self.numbers),
-                    "frequency, real and imaginary part (or magnitude, phase)",
-                )
-                example = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
-                remedy = f"name the columns as {example}"
+                found, remedy = f"found {describe(columns, self.numbers)}", f"name the columns as {_EXAMPLE}"
                 if any("damp" in columns[i].header.lower() for i in others):
                     found += ", a list of modes"
                     remedy = 'write the modes into the case: kind = "modes", frequencies_hz = [...] in [data]'
-                raise MeasurementError(f"header: found {found}; expected {expected}; {remedy}")
+                expected = "frequency, real and imaginary part (or magnitude, phase)"
+                raise MeasurementError.of("header", (), found, expected, remedy)
             others = [i for i in others if i not in spectra]
         self.pass_over(others)
         yield from self.spectra(spectra, lines)
@@ -117,16 +114,6 @@ class _Group:
                 yield CoherenceRecord(response, reference, lines, g2, None, where, (*self.notes, *unnamed))
             else:
                 yield self.frf(parts, lines, name, next(averages), with_units=with_units)
-
-    def name_magnitudes(self) -> None:
-        """Give columns of an FRF's unit or in decibels to as many phases that have no magnitude: FRF (dB), phase."""
-        phases, columns = self.with_role("phase"), self.columns
-        levels = [i for i in self.with_role("other", "spectrum") if _may_be_magnitude(columns[i])]
-        if len(levels) == len(phases) and not self.with_role("magnitude", "real"):
-            for level, phase in zip(levels, phases, strict=True):
-                name = columns[level].name if columns[level].role == "other" else columns[phase].name
-                columns[level] = replace(columns[level], role="magnitude", name=name)
-                columns[phase] = replace(columns[phase], name=name)
 
     def pass_over(self, numbers: list[int]) -> None:
         """Note columns that are not read."""
@@ -228,21 +215,27 @@ def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> Non
         one_sign = (first >= 0).all() or (first <= 0).all()
         degrees, radians = 3.2 < largest <= 360, 3 < largest <= 3.1416 and jump > 5
         if one_sign and len(values) > 3 and (degrees or radians):
-            found, word = (
-                f"found numbers of one sign, and numbers up to {largest:g}",
-                "degrees" if degrees else "radians",
-            )
+            word, where = "degrees" if degrees else "radians", f"columns {a + 1} and {b + 1}"
+            found = f"found numbers of one sign, and numbers up to {largest:g}"
             expected = f"to know whether they are real and imaginary part, or magnitude and phase in {word}"
             names = f"'frequency [Hz],real,imaginary' or 'frequency [Hz],magnitude,phase [{word[:3]}]'"
-            raise MeasurementError(
-                f"columns {a + 1} and {b + 1}: {found}; expected {expected}; name the columns: {names}"
-            )
+            raise MeasurementError.of(where, (), found, expected, f"name the columns: {names}")
         columns[a] = Column("real", f"output {k} / input 1", "")
         columns[b] = Column("imaginary", f"output {k} / input 1", "")
 
 
-def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, dict[Role, int]]]:
-    """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next."""
+def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[Role, int]]]:
+    """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next.
+
+    Columns of an FRF's unit or in decibels go to as many phases that have no magnitude: FRF (dB), phase.
+    """
+    phases = [i for i in numbers if columns[i].role == "phase"]
+    levels = [i for i in numbers if columns[i].role in ("other", "spectrum") and _may_be_magnitude(columns[i])]
+    if len(levels) == len(phases) and not any(columns[i].role in ("magnitude", "real") for i in numbers):
+        for level, phase in zip(levels, phases, strict=True):
+            name = columns[level if columns[level].role == "other" else phase].name
+            columns[level] = replace(columns[level], role="magnitude", name=name)
+            columns[phase] = replace(columns[phase], name=name)
     frfs: list[tuple[str, dict[Role, int]]] = []
     of_name: dict[str, list[dict[Role, int]]] = {}
     times: dict[tuple[str, Role], int] = {}
@@ -264,14 +257,10 @@ def _pair_up(columns: Sequence[Column], numbers: list[int]) -> list[tuple[str, d
             alike[0]["coherence"] = parts["coherence"]
             frfs.remove((number, parts))
     for name, parts in frfs:
-        if not (
-            {"real", "imaginary"} <= set(parts) or {"magnitude", "phase"} <= set(parts) or [*parts] == ["coherence"]
-        ):
-            first = min(parts.values()) + 1
-            raise MeasurementError(
-                f"column {first}: found {' and '.join(sorted(parts))} of {name!r}; expected real and "
-                "imaginary, or magnitude and phase; complete the columns"
-            )
+        if not any(whole <= set(parts) for whole in _WHOLE) and [*parts] != ["coherence"]:
+            found = f"column {min(parts.values()) + 1}: found {' and '.join(sorted(parts))} of {name!r}"
+            expected = "real and imaginary, or magnitude and phase"
+            raise MeasurementError(f"{found}; expected {expected}; complete the columns")
     return frfs
 
 
@@ -299,11 +288,8 @@ def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
     response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
     if response:
         return response, reference, ()
-    output, note = (
-        reference or "output 1",
-        "the header does not say which column is the hammer; they are called {} and {}",
-    )
-    return output, "input 1", (note.format(output, "input 1"),)
+    output, unnamed = reference or "output 1", "the header does not say which column is the hammer"
+    return output, "input 1", (f"{unnamed}; they are called {output} and input 1",)
 
 
 def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[Array, str]:

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -143,22 +143,25 @@ class FunctionHeader:
     @property
     def per_value(self) -> int:
         """Numbers stored for each value: one or two, and the abscissa where spacing is uneven."""
-        return (2 if self.is_complex else 1) + (0 if self.even else 1)
+        return 2 + self.is_complex - self.even
+
+    def said(self, key: str) -> str:
+        """What an ID line has behind a key, as our writer leaves it; empty where none begins with it."""
+        return next((line.removeprefix(key) for line in self.ids if line.startswith(key)), "")
+
+    @property
+    def row(self) -> np.dtype[Any]:
+        """What a binary data set stores of each value: its abscissa where spacing is uneven, and one number or two.
+
+        Most programs store the abscissa as wide as the values, the letter of the format is in single precision; the
+        announced number of bytes tells which.
+        """
+        wide, single = (f"{self.byte_order}f{size}" for size in (8 if self.is_double else 4, 4))
+        full, narrow = (np.dtype([("x", x, 1 - self.even), ("y", wide, 1 + self.is_complex)]) for x in (wide, single))
+        return narrow if self.said_bytes == self.count * narrow.itemsize else full
 
 
-def body_bytes(header: FunctionHeader) -> int:
-    """Bytes of the values of a binary data set.
-
-    The abscissa of uneven spacing is stored as wide as the values by most programs, in single precision by the letter
-    of the format; the announced number of bytes tells which.
-    """
-    width = 8 if header.is_double else 4
-    full = header.count * header.per_value * width
-    narrow = header.count * (4 + (header.per_value - 1) * width)
-    return narrow if not header.even and header.said_bytes == narrow else full
-
-
-def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHeader:
+def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
     """Header of a data set 58 from its eleven lines, and the line of the set's number where it is binary.
 
     Raises
@@ -193,9 +196,9 @@ def function_header(lines: list[str], binary: str | bytes | None) -> FunctionHea
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
-    text, numbers = lines[line].rstrip("\r\n"), []
+    numbers = []
     for first, last in columns:
-        field = text[first:last].strip()
+        field = lines[line][first:last].strip()
         if not re.fullmatch(r"[+-]?\d*", field):
             found = f"found {field!r} in columns {first + 1} to {last}; expected a whole number"
             raise LineError(line, f"{found}; the header is damaged, export it again")
@@ -204,20 +207,14 @@ def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -
 
 
 def _real(lines: list[str], line: int, first: int, last: int) -> float:
-    field = lines[line].rstrip("\r\n")[first:last].strip()
-    if re.fullmatch(r"[+-]?[\d.]+[dD][+-]?\d+", field):
-        raise LineError(line, f"found {field!r}, an exponent D; expected E in its place; replace D by E in the numbers")
-    try:
-        return float(field.replace("_", "?") or "0")
-    except ValueError:
-        raise LineError(
-            line, f"found {field!r} in columns {first + 1} to {last}; expected a number; export it again"
-        ) from None
+    field = lines[line][first:last].strip() or "0"
+    if not _NUMBER.fullmatch(field):
+        raise _no_number(field, line)
+    return float(field)
 
 
 def _axis(lines: list[str], line: int) -> Axis:
-    kind = _fields(lines, line, ((0, 10),))[0]
-    text = lines[line].rstrip("\r\n")
+    text, (kind,) = lines[line], _fields(lines, line, ((0, 10),))
     label, unit = text[26:46], text[47:67]
     if text[46:47].strip():  # longer than its columns: the unit is what comes last
         label, _, unit = text[26:].rstrip().rpartition(" ")
@@ -231,10 +228,10 @@ def _entity(text: str) -> str:
     return "" if text.upper() == "NONE" else text
 
 
-def _binary(line: str | bytes | None) -> tuple[str, int]:
+def _binary(line: bytes | None) -> tuple[str, int]:
     if line is None:
         return "", 0
-    text = line.decode("ascii", errors="replace") if isinstance(line, bytes) else line
+    text = line.decode("ascii", errors="replace")
     fields = (text[7:13].strip(), text[13:19].strip(), text[19:31].strip(), text[31:43].strip())
     if not all(re.fullmatch(r"\d*", field) for field in fields):
         raise LineError(0, f"found {text.strip()[:40]!r} as binary header; expected numbers; export it again")
@@ -335,11 +332,12 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     if not binary:
         # the line end of the header may be the one before the delimiter
         return UffDataSet(number, kind, start, _closing(file, number, start - 1), header)
-    stop = start + body_bytes(header)
+    size = header.count * header.row.itemsize
+    stop = start + size
     file.seek(stop)
     end = re.match(rb"\r?\n?[ \t]*-1[ \t\x1a]*(?:\r?\n|$)", file.read(_OVERLAP))
     if end is None:
-        found = f"found no delimiter -1 after the {body_bytes(header)} bytes of {header.count} values"
+        found = f"found no delimiter -1 after the {size} bytes of {header.count} values"
         remedy = "the file is cut off or its counts are wrong, export it again"
         raise MeasurementError(f"data set {number}, line {line_of(file, here)}: {found}; expected it there; {remedy}")
     file.seek(stop + end.end())
@@ -358,7 +356,7 @@ def _header(file: BinaryIO, number: int, binary: bytes | None) -> FunctionHeader
             words = f"found {len(lines)} lines of header; expected 11; the file is cut off, export it again"
             fault = fault or (at[-1], words)
             break
-        lines.append(plain_text(line))
+        lines.append(plain_text(line).rstrip("\r\n"))
         if len(lines) < 11:
             continue
         try:
@@ -435,13 +433,8 @@ def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Ar
 
 
 def _binary_values(header: FunctionHeader, body: bytes) -> Array:
-    kind = header.byte_order + ("f8" if header.is_double else "f4")
-    if len(body) == header.count * header.per_value * int(kind[-1]):
-        return np.frombuffer(body, dtype=kind).astype(float)
-    assert len(body) == body_bytes(header)
-    narrow = np.dtype([("x", header.byte_order + "f4"), ("y", kind, (header.per_value - 1,))])
-    rows = np.frombuffer(body, dtype=narrow)
-    return np.concatenate([rows["x"][:, None].astype(float), rows["y"].astype(float)], axis=1)
+    rows = np.frombuffer(body, header.row)
+    return np.hstack([rows["x"].astype(float), rows["y"].astype(float)])
 
 
 def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
@@ -864,13 +857,11 @@ def _place(data_set: UffDataSet) -> Place:
     if header is None:
         return _MODES if data_set.kind == 55 else -data_set.kind, "", "", 0
     is_frf = header.function == 0 and header.is_complex and header.abscissa.kind == 18
-    labels = []
-    for key, dof in (("response", header.response), ("reference", header.reference)):
-        named = next((line for line in header.ids if line.startswith(f"{key}=")), None)  # as our writer leaves it
-        labels.append(named.removeprefix(f"{key}=") if named else dof_label(dof))
+    response = header.said("response=") or dof_label(header.response)
+    reference = header.said("reference=") or dof_label(header.reference)
     # force and motion of one point are time histories of two kinds
     sensor = header.numerator.kind if header.function == _TIME else 0
-    return _FRF if is_frf else header.function, labels[0], labels[1], sensor
+    return _FRF if is_frf else header.function, response, reference, sensor
 
 
 def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -> Record | None:
@@ -958,11 +949,10 @@ def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int |
             f"data set {data_set.number}: found complex values of a time history; expected real ones; export again"
         )
     scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
-    told = next((line for line in header.ids if line.startswith("sample_rate_hz=")), "")
     instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
-    exact, place = float_of(told.removeprefix("sample_rate_hz=")), f"data set {data_set.number}"
+    exact, place = float_of(header.said("sample_rate_hz=")), f"data set {data_set.number}"
     rate = even_rate(np.asarray(instants * scale, dtype=float), place, exact)
     quantity, factor, unit, notes = sensor_meaning(header, source.units_of(data_set))
-    hit = next((re.fullmatch(r"hit (\d{1,9})", line) for line in header.ids if line.startswith("hit ")), None)
-    values = scaled(ordinate.real, factor)
-    return TimeRecord(channel, rate, values, quantity, unit, int(hit[1]) if hit else nth, place, tuple(notes), factor)
+    values, hit = scaled(ordinate.real, factor), header.said("hit ")
+    nth = int(hit) if re.fullmatch(r"\d{1,9}", hit) else nth
+    return TimeRecord(channel, rate, values, quantity, unit, nth, place, tuple(notes), factor)

@@ -81,10 +81,8 @@ def _functions(record: Record) -> Iterator[_Function]:
         if record.coherence is not None:
             yield _Function(6, pair, ids, (hertz, none, none), record.frequency_hz, record.coherence)
     elif isinstance(record, TimeRecord):
-        rate, hit = (
-            f"sample_rate_hz={float(record.sample_rate_hz)!r}",
-            "" if record.hit is None else f"hit {record.hit}",
-        )
+        rate = f"sample_rate_hz={float(record.sample_rate_hz)!r}"
+        hit = "" if record.hit is None else f"hit {record.hit}"
         time, axes = np.arange(record.values.size) / record.sample_rate_hz, ((17, "s"), _axis(record.quantity), none)
         yield _Function(1, (record.channel, ""), [rate, hit], axes, time, record.values, always_even=True)
     elif isinstance(record, SpectrumRecord):  # a function of general type: it is no FRF to any program

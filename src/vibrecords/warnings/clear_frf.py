@@ -204,11 +204,7 @@ def shift_warning(first: Peaks, other: Peaks, *, same_frf: bool) -> MeasurementW
     at = f"{first.centre_hz[near][moved][largest]:.5g} Hz"
     where = f"{int(moved.sum())} of {int(near.sum())} resonances are elsewhere, that at {at} {change}"
     if same_frf:
-        sentence = (
-            f"the same FRF is there twice, and {where}: the structure depends on the level of the force, or changed"
-        )
-        return warn("level_dependence", sentence)
-    changed = (
-        "the structure changed between the runs, as by the mass of a roving accelerometer, the temperature, the level"
-    )
-    return warn("mass_loading", f"over the same force {where}, all of these the same way: {changed}")
+        cause = "the structure depends on the level of the force, or changed"
+        return warn("level_dependence", f"the same FRF is there twice, and {where}: {cause}")
+    found = f"over the same force {where}, all of these the same way: the structure changed between the runs"
+    return warn("mass_loading", f"{found}, as by the mass of a roving accelerometer, the temperature, the level")

@@ -221,10 +221,8 @@ def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[Measurement
 
 
 def _sign_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
-    part, sign = (
-        "real" if quantity == "mobility" else "imaginary",
-        "positive" if quantity == "receptance" else "negative",
-    )
+    part = "real" if quantity == "mobility" else "imaginary"
+    sign = "positive" if quantity == "receptance" else "negative"
     other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
     instead = f", or the FRF is {other} and not {quantity}" if other else ""
     found = f"the {part} part of the {quantity} of the drive point is {sign} at {_peak_words(peaks)}"
