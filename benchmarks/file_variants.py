@@ -5,7 +5,6 @@ right where each number of it is the truth, as asked where its unit stays open o
 makes it right, and as wrong where it is read as something else without a word.
 """
 
-import struct
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 import scipy.io
 
 from benchmarks import made_files
-from benchmarks.made_files import binary_58, clock, function_58
+from benchmarks.made_files import binary_58, clock, function_58, matlab_4
 from benchmarks.page import table
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
@@ -190,18 +189,6 @@ def _sign(x: float) -> str:
     return "-" if x < 0 else "+"
 
 
-def _matlab_4(order: str, **arrays: Any) -> bytes:
-    content = b""
-    for name, value in arrays.items():
-        array = np.atleast_2d(np.asarray(value))
-        is_complex = np.iscomplexobj(array)
-        content += struct.pack(f"{order}5i", 1000 * (order == ">"), *array.shape, is_complex, len(name) + 1)
-        content += name.encode() + b"\0"
-        for part in (array.real, array.imag)[: 1 + is_complex]:
-            content += part.astype(f"{order}f8").tobytes("F")
-    return content
-
-
 MKS = "Data saved by Test.Lab in MKS"
 SEEN = {"hammer": FORCE, "tip": TIP}
 _TWO = np.r_[0.0, F, -F[-2::-1]]  # 0, 2, ..., 512, -510, ..., -2
@@ -310,11 +297,11 @@ def _side_channels() -> dict[str, Variant]:
 def _matrices() -> dict[str, Variant]:
     kind = "MATLAB 4, N x 2, N x 3"
     return {
-        "MATLAB 4, rows": Variant(kind, write_bytes(_matlab_4("<", freq=F, FRF=H)), [H]),
-        "MATLAB 4, big end first, columns": Variant(kind, write_bytes(_matlab_4(">", f=F[:, None], H=H[:, None])), [H]),
+        "MATLAB 4, rows": Variant(kind, write_bytes(matlab_4("<", freq=F[None], FRF=H[None])), [H]),
+        "MATLAB 4, big end first, columns": Variant(kind, write_bytes(matlab_4(">", f=F, H=H)), [H]),
         "MATLAB 4, three columns": Variant(
             kind,
-            write_bytes(_matlab_4("<", data=np.column_stack([F, _PAIR]))),
+            write_bytes(matlab_4("<", data=np.column_stack([F, _PAIR]))),
             [H],
             layout={"frequency_hz": "data(:,1)", "real": "data(:,2)", "imaginary": "data(:,3)"},
         ),

@@ -1,6 +1,7 @@
-"""Files made by hand, field by field, as their formats describe them: universal files, LabVIEW's text and TDMS."""
+"""Files made by hand, field by field, as their formats describe them: universal, MATLAB 4 and LabVIEW files."""
 
 import io
+import struct
 
 import nptdms
 import numpy as np
@@ -94,7 +95,23 @@ def mode_55(
     return "\n".join([*lines, "    -1"]) + "\n"
 
 
-# ---- LabVIEW
+# ---- MATLAB and LabVIEW
+
+
+def matlab_4(order="<", kind=0, **arrays):
+    """Matrices as the description of level 4 has them: type, rows, columns, imaginary part or none, name, columns."""
+    letters = ["f8", "f4", "i4", "i2", "u2", "u1"]
+    content = b""
+    for name, value in arrays.items():
+        text = isinstance(value, str)
+        array = np.array([list(map(ord, value))]) if text else np.atleast_2d(np.asarray(value).T).T
+        mopt = 1000 * (order == ">") + 10 * kind + text
+        content += struct.pack(f"{order}5i", mopt, *array.shape, np.iscomplexobj(array), len(name) + 1)
+        content += name.encode() + b"\0"
+        for part in (array.real, array.imag)[: 1 + np.iscomplexobj(array)]:
+            content += part.astype(f"{order}{letters[kind]}").tobytes("F")
+    return content
+
 
 STEP = 1 / 2048
 

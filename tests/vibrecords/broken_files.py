@@ -2,20 +2,16 @@
 
 import io
 import pickle
-import re
 import struct
 import zipfile
 
 import h5py
 import numpy as np
-import pytest
 import scipy.io
 from benchmarks.made_files import function_58, header_164
 
-from tests.vibrecords.array_trees import WRITERS
 from vibrecords import FrfSet
-from vibrecords.errors import MeasurementError
-from vibrecords.formats import iter_records, records_of_frf, write_records
+from vibrecords.formats import records_of_frf, write_records
 
 LINES = np.arange(1.0, 13.0)
 RNG = np.random.default_rng(8)
@@ -32,23 +28,6 @@ class Trap:
 
 def _spring():
     raise SystemExit("unpickled")
-
-
-def refusal(path, content, expected="", layout=None, read=None):
-    """The one line by which a file with this content, bytes, text or a tree of arrays, is refused."""
-    if isinstance(content, dict):
-        WRITERS["mat"](content, path)
-    elif content is not None:
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-    with pytest.raises(MeasurementError) as caught:
-        read(path) if read else list(iter_records(path, layout))
-    message = str(caught.value)
-    assert message.startswith(f"{path}: "), message
-    assert re.search(expected, message), message
-    assert "\n" not in message
-    assert "expected" in message
-    assert len(message) < 1200
-    return message
 
 
 def sound(directory, form, records=None):

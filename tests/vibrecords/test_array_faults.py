@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 from tests.vibrecords.array_trees import WRITERS
-from tests.vibrecords.broken_files import refusal
+from tests.vibrecords.reading import refusal, require
 from tests.vibrecords.test_array_layouts import (
     POLYTEC,
     SIGNAL_CALC,
@@ -17,7 +17,6 @@ from tests.vibrecords.test_array_layouts import (
     X,
     frf,
     history,
-    require,
     siemens,
     signal,
 )

@@ -19,6 +19,7 @@ import scipy.io
 import scipy.sparse
 
 from tests.vibrecords.array_trees import WITH_LISTS, WRITERS
+from tests.vibrecords.reading import require
 from vibrecords.formats import iter_records
 from vibrecords.formats.array_files import read_arrays
 from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
@@ -67,7 +68,7 @@ def signal(values=X, names=("3:Point1", "4:Point2"), unit="g", increment=1 / 256
 
 def frf(response, reference, values=V, lines=F, **more):
     return {
-        "kind": FrfRecord,
+        "type": FrfRecord,
         "response": response,
         "reference": reference,
         "frequency_hz": lines,
@@ -76,7 +77,7 @@ def frf(response, reference, values=V, lines=F, **more):
 
 
 def history(channel, values, rate=256.0, **more):
-    return {"kind": TimeRecord, "channel": channel, "values": values, "sample_rate_hz": rate} | more
+    return {"type": TimeRecord, "channel": channel, "values": values, "sample_rate_hz": rate} | more
 
 
 NUMBERED = tuple(f"no {side}puts named in the file, numbered instead" for side in ("out", "in"))
@@ -112,7 +113,7 @@ FILES = {
         [frf("Tip:1:+Z", "Tip:2:+X", coherence=C)]),
     "test.lab coherence alone":
         ({"Coherence": siemens(C, "", "Coherence")},
-        [{"kind": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}]),
+        [{"type": CoherenceRecord, "response": "Tip:1:+Z", "reference": "Tip:2:+X", "frequency_hz": F, "values": C}]),
     "test.lab channels in the name":
         ({"FRF_1": siemens() | {"function_record": {"name": "FRF Tip:1:+Z/Tip:2:+X", "type": "FRF"}}},
         [frf("Tip:1:+Z", "Tip:2:+X")]),
@@ -133,7 +134,7 @@ FILES = {
         [history("hammer", X[:, 0], quantity="force"), history("tip", X[:, 1])], WITH_LISTS),
     "test.lab spectrum":
         ({"PSD": siemens(C, "g^2/Hz", "PSD")},
-        [{"kind": SpectrumRecord, "channel": "Tip:1:+Z", "frequency_hz": F, "values": C, "unit": "g^2/Hz"}]),
+        [{"type": SpectrumRecord, "channel": "Tip:1:+Z", "frequency_hz": F, "values": C, "unit": "g^2/Hz"}]),
     "test.lab array of structs":
         ({"FRF": [siemens(V, labels=("a", "h")), siemens(H[:, 1], labels=("b", "h"))]},
         [frf("a", "h"), frf("b", "h", H[:, 1])], WITH_LISTS),
@@ -141,11 +142,11 @@ FILES = {
     "signalcalc":
         (SIGNAL_CALC | {"PSD_chan_1": column(C), "Time_domain": column(T), "Time_chan_1": column(X[:, 0])},
         [frf("channel 2", "channel 1", coherence=C), frf("channel 3", "channel 1", H[:, 1]),
-        {"kind": SpectrumRecord, "channel": "channel 1", "frequency_hz": F, "values": C},
+        {"type": SpectrumRecord, "channel": "channel 1", "frequency_hz": F, "values": C},
         history("channel 1", X[:, 0])]),
     "signalcalc coherence alone":
         ({"Freq_domain": column(F), "Hf_coh_chan_2": column(C)},
-        [{"kind": CoherenceRecord, "response": "channel 2", "reference": "channel 1", "values": C, "frequency_hz": F}]),
+        [{"type": CoherenceRecord, "response": "channel 2", "reference": "channel 1", "values": C, "frequency_hz": F}]),
     "signalcalc time":
         ({"Time_domain": T, "Time_chan_1": X[:, 0], "Time_chan_2": X[:, 1]},
         [history("channel 1", X[:, 0]), history("channel 2", X[:, 1])]),
@@ -200,7 +201,7 @@ FILES = {
         ({"one": {"H": V, "f": F}, "two": {"coh": C, "f": F}}, [frf("output 1", "input 1", coherence=C)]),
     "coherence alone":
         ({"coh": C, "f": F},
-        [{"kind": CoherenceRecord, "response": "output 1", "reference": "input 1", "values": C, "frequency_hz": F}]),
+        [{"type": CoherenceRecord, "response": "output 1", "reference": "input 1", "values": C, "frequency_hz": F}]),
     "t, x, y": ({"t": T, "x": X[:, 0], "y": X[:, 1]}, [history("x", X[:, 0]), history("y", X[:, 1])]),
     "t and a matrix": ({"t": column(T), "x": X}, [history("x 1", X[:, 0]), history("x 2", X[:, 1])]),
     "t, xn, yn": ({"t": T, "xn": X[:, 0], "yn": X[:, 1]}, [history("xn", X[:, 0]), history("yn", X[:, 1])]),
@@ -245,7 +246,7 @@ FILES = {
         [*ONE, history("output", X[:, 1]), history("input", X[:, 0])]),
     "Txy and Cxy":
         ({"Txy": V, "Cxy": C, "Pxx": C, "f": F},
-        [frf("output 1", "input 1", coherence=C), {"kind": SpectrumRecord, "channel": "Pxx", "values": C}]),
+        [frf("output 1", "input 1", coherence=C), {"type": SpectrumRecord, "channel": "Pxx", "values": C}]),
     "data of an FRF": ({"frf": {"data": H, "freq": F}}, MANY),
     "simulink":
         ({"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
@@ -260,19 +261,6 @@ def test_layouts_are_read_right(tmp_path, name, form):
     tree, expected, *_ = FILES[name]
     WRITERS[form](tree, tmp_path / "a")
     require(list(iter_records(tmp_path / "a")), expected)
-
-
-def require(records, expected):
-    """Hold records against what is expected of each."""
-    assert [type(record) for record in records] == [wanted["kind"] for wanted in expected]
-    for record, wanted in zip(records, expected, strict=True):
-        for key, value in wanted.items():
-            if key in ("values", "frequency_hz", "coherence", "sample_rate_hz"):
-                np.testing.assert_allclose(getattr(record, key), value, rtol=1e-12, err_msg=key)
-            elif key == "factor" and value is not None:
-                assert record.factor == pytest.approx(value, rel=1e-15)
-            elif key != "kind":
-                assert getattr(record, key) == value, key
 
 
 def squeezed(value):

@@ -10,7 +10,8 @@ import pytest
 from benchmarks.made_files import function_58
 
 from tests.fuzz.mutations import damaged_bytes
-from tests.vibrecords.broken_files import MAKERS, refusal
+from tests.vibrecords.broken_files import MAKERS
+from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_formats import frf_set
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import FORMATS, iter_records, read_frf, records_of_frf, write_records

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
+from tests.vibrecords.array_trees import WRITERS
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
 from vibrecords.records import ModeRecord
@@ -15,11 +15,7 @@ WHOLE = {"Fn": FN, "Xi": XI, "Phi": PHI, "Fn_std": FN / 1000, "Xi_std": XI / 10,
 
 
 def save(path, form, arrays):
-    if form == "npz":
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-    else:
-        savemat(path, {"result": arrays} if form == "struct" else arrays, appendmat=False)
+    WRITERS["npz" if form == "npz" else "mat"]({"result": arrays} if form == "struct" else arrays, path)
     return list(iter_records(path))
 
 

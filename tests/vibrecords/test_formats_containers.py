@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from tests.vibrecords.array_trees import WRITERS
+from tests.vibrecords.reading import records_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import array_files, iter_records, read_frf
 from vibrecords.formats.array_files import read_arrays
@@ -17,27 +19,16 @@ RNG = np.random.default_rng(4)
 H = RNG.normal(size=(4, 3, 2)) + 1j * RNG.normal(size=(4, 3, 2))
 
 
-def save_npz(path, **arrays):
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+def saver(form):
+    return lambda path, **arrays: WRITERS[form](arrays, path)
 
 
-def save_mat(path, **arrays):
-    scipy.io.savemat(str(path), arrays, appendmat=False, do_compression=True)
+save_npz, save_hdf5 = map(saver, ("npz", "hdf5"))
 
 
-def save_hdf5(path, **arrays):
-    with h5py.File(path, "w") as file:
-        for name, value in arrays.items():
-            file[name] = value
-
-
-SAVERS = {"npz": save_npz, "mat": save_mat, "hdf5": save_hdf5}
-
-
-@pytest.fixture(params=SAVERS)
+@pytest.fixture(params=["npz", "mat", "hdf5"])
 def save(request):
-    return SAVERS[request.param]
+    return saver(request.param)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +53,6 @@ def test_usual_names_are_known(tmp_path, save, frequency, name):
     (H[:, 0, :], {"outputs": ["one"], "inputs": ["a", "b"]}),
 ], ids=["lines first", "lines last", "one input", "one FRF", "column", "row", "one output"])  # fmt: skip
 def test_usual_shapes_are_known(tmp_path, save, shape, labels):
-    if save is save_mat:
-        labels = {k: np.array(v, dtype=object) for k, v in labels.items()}
     save(tmp_path / "a", f=LINES, H=shape, unit="m/N", **labels)
     frf = read_frf(tmp_path / "a")
     expected = H[:, :1, :] if labels else H[:, : frf.values.shape[1], : frf.values.shape[2]]
@@ -91,8 +80,7 @@ def test_hammer_records_as_matrices_of_hits(tmp_path, save):
 
 def test_samples_with_units_and_instants(tmp_path, save):
     units = ["lbf", "g", "V"]
-    save(tmp_path / "a", t=np.arange(4) / 500, samples=np.abs(H[:, :, 0]),
-         units=np.array(units, dtype=object) if save is not save_npz else np.array(units))  # fmt: skip
+    save(tmp_path / "a", t=np.arange(4) / 500, samples=np.abs(H[:, :, 0]), units=units)
     found = list(iter_records(tmp_path / "a"))
     assert [(r.channel, r.quantity, r.unit) for r in found] == [
         ("channel 1", "force", "lbf"), ("channel 2", "acceleration", "g"), ("channel 3", "unknown", "V")
@@ -102,10 +90,8 @@ def test_samples_with_units_and_instants(tmp_path, save):
 
 
 def test_structs_of_matlab_are_blocks(tmp_path):
-    names = np.array(["tip", "mid", "root"], dtype=object)
-    test = {"frequency": LINES, "H": H[:, :, :1], "outputs": names, "quantity": "receptance"}
-    scipy.io.savemat(str(tmp_path / "a"), {"test": test, "other": np.eye(3)}, appendmat=False)
-    found = list(iter_records(tmp_path / "a"))
+    test = {"frequency": LINES, "H": H[:, :, :1], "outputs": ["tip", "mid", "root"], "quantity": "receptance"}
+    found = records_of(tmp_path / "a", {"test": test, "other": np.eye(3)})
     assert [r.response for r in found] == ["tip", "mid", "root"]
     assert found[0].where == "variable 'test.H', 'tip' over 'input 1'"
 

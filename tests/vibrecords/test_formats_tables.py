@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.vibrecords.reading import records_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf
 from vibrecords.formats.table_text import column_of
@@ -16,11 +17,6 @@ def table(columns, header, delimiter=",", decimal="."):
     return "\n".join([*([delimiter.join(header)] if header else []), *rows]) + "\n"
 
 
-def records(path, text, encoding="utf-8"):
-    path.write_bytes(text.encode(encoding))
-    return list(iter_records(path))
-
-
 REAL_IMAG = ("Frequency [Hz]", "Real 1:Z+ / 2:Z+ [m/s²/N]", "Imag 1:Z+ / 2:Z+ [m/s²/N]")
 
 
@@ -29,7 +25,7 @@ REAL_IMAG = ("Frequency [Hz]", "Real 1:Z+ / 2:Z+ [m/s²/N]", "Imag 1:Z+ / 2:Z+ [
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
 def test_delimiters_decimal_signs_line_ends_and_encodings(tmp_path, delimiter, decimal, end, encoding):
     text = table((LINES, H.real, H.imag), REAL_IMAG, delimiter, decimal).replace("\n", end)
-    (record,) = records(tmp_path / "a", text, encoding)
+    (record,) = records_of(tmp_path / "a", text.encode(encoding))
     np.testing.assert_array_equal(record.frequency_hz, LINES)
     np.testing.assert_array_equal(record.values, H)
     assert (record.response, record.reference, record.quantity) == ("1:Z+", "2:Z+", "accelerance")
@@ -39,7 +35,7 @@ def test_delimiters_decimal_signs_line_ends_and_encodings(tmp_path, delimiter, d
 @pytest.mark.parametrize("decimal", [".", ","])
 def test_blanks_between_columns(tmp_path, decimal):
     text = table((LINES, H.real, H.imag), ("f/Hz", "Re", "Im"), "   ", decimal)
-    (record,) = records(tmp_path / "a", text)
+    (record,) = records_of(tmp_path / "a", text)
     np.testing.assert_array_equal(record.values, H)
 
 
@@ -47,7 +43,7 @@ def test_blanks_between_columns(tmp_path, decimal):
 def test_infinite_and_huge_numbers_stay_without_a_warning(tmp_path, kind):
     header = ("Frequency [Hz]", f"{kind[0]} A / B [g/N]", f"{kind[1]} A / B" + (" [deg]" if kind[1] == "Phase" else ""))
     columns = (LINES, np.array([np.inf, 1e308, np.nan, 1.0]), np.array([1.0, 2.0, 3.0, np.inf]))
-    (record,) = records(tmp_path / "a", table(columns, header))
+    (record,) = records_of(tmp_path / "a", table(columns, header))
     assert not np.isfinite(record.values).any()
     if kind[0] == "Real":
         np.testing.assert_allclose(record.values.imag[:3], [9.80665, 2 * 9.80665, 3 * 9.80665])
@@ -57,7 +53,7 @@ def test_infinite_and_huge_numbers_stay_without_a_warning(tmp_path, kind):
 def test_magnitude_and_phase(tmp_path, unit):
     phase = np.angle(H) if unit == "rad" else np.angle(H, deg=True)
     header = ("Freq (Hz)", "Magnitude A / B (g/N)", f"Phase A / B ({unit})")
-    (record,) = records(tmp_path / "a", table((LINES, np.abs(H), phase), header))
+    (record,) = records_of(tmp_path / "a", table((LINES, np.abs(H), phase), header))
     np.testing.assert_allclose(record.values, 9.80665 * H, rtol=1e-12, atol=1e-12)
     assert (record.unit, record.quantity) == ("g/N", "accelerance")
     assert "g/N converted to (m/s^2)/N" in record.notes
@@ -66,7 +62,7 @@ def test_magnitude_and_phase(tmp_path, unit):
 def test_decibels(tmp_path):
     header = ("Frequency [Hz]", "Magnitude A / B [dB re 1 (mm/s)/N]", "Phase A / B [deg]")
     columns = (LINES, 20 * np.log10(np.abs(H)), np.angle(H, deg=True))
-    (record,) = records(tmp_path / "a", table(columns, header))
+    (record,) = records_of(tmp_path / "a", table(columns, header))
     np.testing.assert_allclose(record.values, 1e-3 * H, rtol=1e-12, atol=1e-15)
     assert record.quantity == "mobility"
     assert record.notes[0] == "decibels taken as 20 log10 of the magnitude over 1 (mm/s)/N"
@@ -74,16 +70,16 @@ def test_decibels(tmp_path):
 
 def test_phase_without_unit_is_degrees_only_where_it_must_be(tmp_path):
     header = ("Frequency", "Mobility magnitude", "Mobility phase")
-    (record,) = records(tmp_path / "a", table((LINES, np.abs(H), np.angle(H, deg=True)), header))
+    (record,) = records_of(tmp_path / "a", table((LINES, np.abs(H), np.angle(H, deg=True)), header))
     np.testing.assert_allclose(record.values, H, rtol=1e-12, atol=1e-12)
     assert record.quantity == "mobility"
     with pytest.raises(MeasurementError, match="phase without unit"):
-        records(tmp_path / "b", table((LINES, np.abs(H), np.angle(H)), header))
+        records_of(tmp_path / "b", table((LINES, np.abs(H), np.angle(H)), header))
 
 
 @pytest.mark.parametrize("header", ["Frequency [rad/s]", "omega", "Omega [rad/s]", "f [rad/s]"])
 def test_frequency_in_rad_per_s(tmp_path, header):
-    (record,) = records(tmp_path / "a", table((LINES * 2 * np.pi, H.real, H.imag), (header, *REAL_IMAG[1:])))
+    (record,) = records_of(tmp_path / "a", table((LINES * 2 * np.pi, H.real, H.imag), (header, *REAL_IMAG[1:])))
     np.testing.assert_allclose(record.frequency_hz, LINES, rtol=1e-12)
     assert "frequency in rad/s converted to Hz" in record.notes
 
@@ -107,24 +103,24 @@ def test_several_frfs_with_coherence_in_any_order(tmp_path):
 
 
 def test_without_a_header_three_columns_are_frequency_real_and_imaginary(tmp_path):
-    (record,) = records(tmp_path / "a", table((LINES, H.real, H.imag), None))
+    (record,) = records_of(tmp_path / "a", table((LINES, H.real, H.imag), None))
     np.testing.assert_array_equal(record.values, H)
     assert record.quantity is None
     assert record.notes[0] == "no name: column 1 taken as frequency in Hz, since it goes from 1.5 in steps of 0.583333"
     with pytest.raises(MeasurementError, match="4 columns without a header"):
-        records(tmp_path / "b", table((LINES, H.real, H.imag, H.imag), None))
+        records_of(tmp_path / "b", table((LINES, H.real, H.imag, H.imag), None))
 
 
 def test_lines_above_the_header_and_delimiters_at_the_end_are_passed_over(tmp_path):
     text = "Project 12\nmeasured by somebody, on Monday\n\n" + table((LINES, H.real, H.imag), REAL_IMAG)
-    (record,) = records(tmp_path / "a", text.replace("\n", ",\n"))
+    (record,) = records_of(tmp_path / "a", text.replace("\n", ",\n"))
     np.testing.assert_array_equal(record.values, H)
 
 
 def test_time_histories(tmp_path):
     time = np.arange(4) / 2000
     header = ("Time (ms)", "Hammer [lbf]", "acc tip hit 2 [g]", "strange [V]")
-    force, acc, strange = records(tmp_path / "a", table((time * 1e3, H.real, H.imag, H.real), header))
+    force, acc, strange = records_of(tmp_path / "a", table((time * 1e3, H.real, H.imag, H.real), header))
     assert (force.channel, force.quantity, acc.channel, acc.hit, acc.quantity) == (
         "Hammer",
         "force",

@@ -7,6 +7,7 @@ import pytest
 import pyuff
 from benchmarks.made_files import function_58, header_164
 
+from tests.vibrecords.reading import records_of
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf, write_frf
@@ -17,8 +18,7 @@ H = RNG.normal(size=23) + 1j * RNG.normal(size=23)
 
 
 def only(path, text):
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    (record,) = iter_records(path)
+    (record,) = records_of(path, text)
     return record
 
 
@@ -159,8 +159,7 @@ def test_coherence_is_found_wherever_it_stands(tmp_path):
     parts = [function_58(c, function=6, response=("NONE", n, 3)) for n, c in zip((1, 2), coherences, strict=True)]
     frfs = [function_58(H * n, response=("NONE", n, 3)) for n in (1, 2, 3)]
     for order in ([*parts, *frfs], [*frfs, *parts[::-1]]):
-        (tmp_path / "a").write_text("".join(order))
-        first, second, third = iter_records(tmp_path / "a")
+        first, second, third = records_of(tmp_path / "a", "".join(order))
         np.testing.assert_allclose(first.coherence, coherences[0], rtol=1e-12)
         np.testing.assert_allclose(second.coherence, coherences[1], rtol=1e-12)
         assert third.coherence is None
@@ -168,8 +167,7 @@ def test_coherence_is_found_wherever_it_stands(tmp_path):
 
 def test_repeated_measurements_each_keep_their_coherence(tmp_path):
     text = "".join(function_58(H * k) + function_58(np.full(23, k / 4), function=6) for k in (1, 2, 3))
-    (tmp_path / "a").write_text(text)
-    records = list(iter_records(tmp_path / "a"))
+    records = records_of(tmp_path / "a", text)
     assert [r.coherence[0] for r in records] == [0.25, 0.5, 0.75]
     assert [r.where for r in records] == ["data set 1", "data set 3", "data set 5"]
     with pytest.raises(MeasurementError, match="data set 3: found the FRF of '12:Z\\+' over '11:Y\\+' again"):
@@ -183,15 +181,12 @@ def test_averages_stand_in_an_id_line(tmp_path, line):
 
 def test_time_histories_with_units_and_hits(tmp_path):
     steps = {"function": 1, "first": 0.0, "step": 1e-3}
-    block = [
-        function_58(
-            H.real * k, kinds=("time", kind, "none"), units=("s", unit, "NONE"), response=("Point", node, 3), **steps
-        )
-        for k in (1, 2)
+    sides = [
+        {"kinds": ("time", kind, "none"), "units": ("s", unit, "NONE"), "response": ("Point", node, 3)} | steps
         for node, kind, unit in ((1, "force", "lbf"), (2, "acceleration", "g"))
     ]
-    (tmp_path / "a").write_text("".join(block))
-    records = list(iter_records(tmp_path / "a"))
+    block = [function_58(H.real * k, **side) for k in (1, 2) for side in sides]
+    records = records_of(tmp_path / "a", "".join(block))
     assert [(r.channel, r.quantity, r.unit, r.hit) for r in records] == [
         ("Point:1:Z+", "force", "lbf", 1),
         ("Point:2:Z+", "acceleration", "g", 1),

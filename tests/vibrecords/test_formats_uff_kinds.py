@@ -12,7 +12,7 @@ import pytest
 import pyuff
 from benchmarks.made_files import function_58, header_164, mode_55
 
-from tests.vibrecords.broken_files import refusal
+from tests.vibrecords.reading import records_of, refusal
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, uff_data_sets, write_records
 from vibrecords.inspection import inspect_file
@@ -23,11 +23,6 @@ H = RNG.normal(size=11) + 1j * RNG.normal(size=11)
 SHAPE = {4: [0.0, 1.25, 0.0], 7: [0.5, -0.75, 0.0]}
 POLE = (-3.0, 300.0)  # rad/s
 DAMPED = (math.hypot(*POLE) / (2 * math.pi), 3 / math.hypot(*POLE))
-
-
-def read(path, text):
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return list(iter_records(path))
 
 
 #: Each with the kinds of its records, and what is right of the first.
@@ -99,7 +94,7 @@ WELL_FORMED = {
 @pytest.mark.parametrize("name", WELL_FORMED)
 def test_what_programs_write_is_read_right(tmp_path, name):
     text, kinds, expected = WELL_FORMED[name]
-    records = read(tmp_path / "a.uff", text)
+    records = records_of(tmp_path / "a.uff", text)
     assert [type(record) for record in records] == kinds
     first = records[0]
     for key, value in expected.items():
@@ -119,14 +114,14 @@ def test_functions_are_the_same_whatever_is_decoded_at_once(tmp_path, monkeypatc
     uneven = function_58(values, np.sort(RNG.uniform(1, 900, 301)), response=("NONE", 2, 3))
     loose = "\n".join(" ".join(line.split()) if "E" in line[4:20] else line for line in uneven.split("\n"))
     text = time + function_58(values) + uneven + loose.replace("         2   3", "         5   3")
-    whole = read(tmp_path / "a.uff", text)
+    whole = records_of(tmp_path / "a.uff", text)
     monkeypatch.setattr(uff_data_sets, "_PART", part)
-    for record, same in zip(read(tmp_path / "a.uff", text), whole, strict=True):
+    for record, same in zip(records_of(tmp_path / "a.uff", text), whole, strict=True):
         np.testing.assert_array_equal(record.values, same.values)
         if isinstance(record, FrfRecord):
             np.testing.assert_array_equal(record.frequency_hz, same.frequency_hz)
     with pytest.raises(MeasurementError, match="line 164: found 601 numbers; expected 602"):
-        read(tmp_path / "a.uff", function_58(values).replace(f"{values[150].real:20.12E}", " " * 20))
+        records_of(tmp_path / "a.uff", function_58(values).replace(f"{values[150].real:20.12E}", " " * 20))
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves files open
@@ -259,9 +254,9 @@ def test_nothing_that_could_be_read_in_two_ways_is_read_in_silence(tmp_path, nam
     text, said = HOSTILE[name]
     if said.startswith("found"):
         with pytest.raises(MeasurementError, match=said):
-            read(tmp_path / "a.uff", text)
+            records_of(tmp_path / "a.uff", text)
         return
-    records = read(tmp_path / "a.uff", text)
+    records = records_of(tmp_path / "a.uff", text)
     alone = [f"coherence of {r.response} stands alone" for r in records if isinstance(r, CoherenceRecord)]
     assert all(r.coherence is None for r in records if isinstance(r, FrfRecord))
     warned = [f"{w.key} {w.sentence} {w.remedy}" for w in inspect_file(tmp_path / "a.uff").warnings]
@@ -270,7 +265,7 @@ def test_nothing_that_could_be_read_in_two_ways_is_read_in_silence(tmp_path, nam
 
 def test_a_time_history_keeps_its_milliseconds(tmp_path):
     text = function_58(H.real, function=1, first=0.0, kinds=("time", "force", "none"), units=("ms", "N", "NONE"))
-    (record,) = read(tmp_path / "a.uff", text)
+    (record,) = records_of(tmp_path / "a.uff", text)
     assert isinstance(record, TimeRecord)
     assert record.sample_rate_hz == pytest.approx(2000, rel=1e-12)
 
@@ -371,7 +366,7 @@ def test_every_mode_cut_anywhere_is_read_or_one_line(tmp_path):
     whole = mode_55(SHAPE) + mode_55({4: [1j, 2, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=3)
     for size in range(0, len(whole), 7):
         try:
-            assert all(isinstance(r, ModeRecord) for r in read(tmp_path / "a.uff", whole[:size] or " "))
+            assert all(isinstance(r, ModeRecord) for r in records_of(tmp_path / "a.uff", whole[:size] or " "))
         except MeasurementError as error:
             assert "\n" not in str(error)  # noqa: PT017 (most cuts are errors, some are none)
 

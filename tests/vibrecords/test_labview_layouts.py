@@ -9,7 +9,8 @@ import openpyxl
 import pytest
 from benchmarks.made_files import STEP, clock, head, lvm, segment, tdms
 
-from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, same, spectrum, time
+from tests.vibrecords.reading import require
+from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, spectrum, time
 from vibrecords.formats import detect_format, iter_records
 from vibrecords.records import TimeRecord
 
@@ -27,7 +28,7 @@ LVM = {
         [FORCE, TIP, time("Base", G * C, "acceleration", G)]),
     "an X column for each, two clocks":
         (lvm(["Force", "Tip"], [T, A, 2 * T[:8], B[:8]], head(["N", "g"]), layout="Multi"),
-        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)]),
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, sample_rate_hz=1024.0)]),
     "comments": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), comment="LOST_1"), [FORCE, TIP]),
     "two blocks under one header":
         (lvm(["Force"], [NONE * 2, np.tile(A, 2)], head(["N"]), layout="No"),
@@ -71,7 +72,7 @@ LVM = {
 @pytest.mark.parametrize("name", LVM)
 def test_labview_text(tmp_path, name):
     content, expected = LVM[name]
-    same(read(tmp_path, content), expected)
+    require(read(tmp_path, content), expected)
 
 
 #: What lvm_read has no numbers of, or stops at.
@@ -127,7 +128,7 @@ TDMS = {
     "a channel of time": ({"Test": [("Time", T, {}), ("Force", A, {"NI_UnitDescription": "Newtons"})]}, [FORCE]),
     "two clocks":
         ({"Test": [("Force", A, clock("N")), ("Tip", B[:8], clock("g", 2 * STEP))]},
-        [FORCE, time("Tip", G * B[:8], "acceleration", G, rate=1024.0)]),
+        [FORCE, time("Tip", G * B[:8], "acceleration", G, sample_rate_hz=1024.0)]),
     "a complex FRF":
         ({"FRF": [("tip / hammer", H, clock("m/s", 2.5, wf_start_offset=20.0, wf_xunit_string="Hz"))]},
         [frf("tip", "hammer", factor=None)]),
@@ -145,7 +146,7 @@ TDMS = {
 @pytest.mark.parametrize("name", TDMS)
 def test_tdms(tmp_path, name):
     groups, expected = TDMS[name]
-    same(read(tmp_path, tdms(groups)), expected)
+    require(read(tmp_path, tdms(groups)), expected)
 
 
 def test_tdms_is_as_nptdms_reads_it(tmp_path):
@@ -199,6 +200,6 @@ XLSX = {
 def test_workbooks(tmp_path, name):
     sheets, expected = XLSX[name]
     content = xlsx(**sheets)
-    same(read(tmp_path, content), expected)
+    require(read(tmp_path, content), expected)
     assert detect_format(tmp_path / "measurement") == "xlsx"
     assert next(iter(iter_records(tmp_path / "measurement"))).notes[0].startswith("sheet ")

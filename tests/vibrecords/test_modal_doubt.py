@@ -10,10 +10,10 @@ from tests.vibrecords.test_modal_fit import PLATE, beam_frf, plate_frf, true_fre
 from vibrecords import FrfData, FrfSet, RelativeNoise
 from vibrecords.assemble import _modes as assembled_modes
 from vibrecords.errors import MeasurementError
+from vibrecords.formats import records_of_frf
 from vibrecords.inspection import contents_of_records, resonances_text, with_resonances
 from vibrecords.measurement_plan import MeasurementPlan
 from vibrecords.modal_fit import fit_modes, identify_modes, identify_zeros
-from vibrecords.records import FrfRecord
 
 RATE, SAMPLES = 2048.0, 16384
 
@@ -26,15 +26,8 @@ def frf_of_hits(responses, forces):
     square = np.mean(np.abs(x) ** 2, axis=0)
     h1 = np.mean(y * x.conj(), axis=0) / square
     coherence = np.clip(np.abs(h1) ** 2 * square / np.mean(np.abs(y) ** 2, axis=0), 1e-12, 1)
-    shape = (-1, 1, 1)
-    return FrfSet(
-        lines[used],
-        h1[used].reshape(shape),
-        ("1:y",),
-        ("1:y",),
-        coherence=coherence[used].reshape(shape),
-        averages=len(forces),
-    )
+    values, coherence = (x[used].reshape(-1, 1, 1) for x in (h1, coherence))
+    return FrfSet(lines[used], values, ("1:y",), ("1:y",), coherence=coherence, averages=len(forces))
 
 
 def hits(fall_hz, spread=0.3, count=5, tone=0.0):
@@ -254,16 +247,7 @@ def test_zeros_do_not_depend_on_the_quantity_and_need_a_drive_point():
 
 def test_inspection_names_what_is_left_out():
     frf = hits(1.0)
-    record = FrfRecord(
-        "2:y",
-        "1:y",
-        frf.frequency_hz,
-        frf.values[:, 0, 0],
-        "receptance",
-        coherence=frf.coherence[:, 0, 0],
-        averages=frf.averages,
-    )
-    lines = [*resonances_text(with_resonances(contents_of_records([record])))]
+    lines = [*resonances_text(with_resonances(contents_of_records(records_of_frf(frf))))]
     assert "Left out of the resonances" in lines
     assert any("Hz: nonlinear? One resonance" in line for line in lines)
     assert [round(mode.frequency_hz) for mode in identify_modes(frf)] == [210]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.fuzz.mutations import damaged_bytes
-from tests.vibrecords.broken_files import refusal
+from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_labview_layouts import NONE, head, lvm, tdms, xlsx
 from tests.vibrecords.test_text_layouts import G2, A, B, C, F, G, H, M, P, T, read, rows
 from vibrecords.errors import MeasurementError

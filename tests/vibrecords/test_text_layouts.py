@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from vibrecords.formats import iter_records
+from tests.vibrecords.reading import records_of, require
 from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
 
 RNG = np.random.default_rng(22)
@@ -30,48 +30,20 @@ def rows(*columns, delimiter=",", decimal=".", end="\n", digits=None):
     return "".join(line + end for line in text)
 
 
-def frf(response="output 1", reference="input 1", values=H, quantity=None, factor=1.0, coherence=None, lines=F):
-    return ("frf", response, reference, lines, values, quantity, factor, coherence)
+def frf(response="output 1", reference="input 1", values=H, quantity=None, factor=1.0, coherence=None):
+    return {"type": FrfRecord, "frequency_hz": F, **locals()}
 
 
-def time(channel, values, quantity="unknown", factor=1.0, rate=2048.0, hit=None):
-    return ("time", channel, rate, values, quantity, factor, hit)
+def time(channel, values, quantity="unknown", factor=1.0, sample_rate_hz=2048.0, hit=None):
+    return {"type": TimeRecord, **locals()}
 
 
-def spectrum(channel, values, kind, axis=F):
-    return ("spectrum", channel, kind, axis, values)
-
-
-def told(record):
-    match record:
-        case FrfRecord():
-            r = record
-            return ("frf", r.response, r.reference, r.frequency_hz, r.values, r.quantity, r.factor, r.coherence)
-        case TimeRecord():
-            r = record
-            return ("time", r.channel, r.sample_rate_hz, r.values, r.quantity, r.factor, r.hit)
-        case SpectrumRecord():
-            return ("spectrum", record.channel, record.kind, record.frequency_hz, record.values)
-        case CoherenceRecord():
-            return ("coherence", record.response, record.reference, record.frequency_hz, record.values)
-    raise AssertionError(record)
-
-
-def same(found, expected):
-    assert len(found) == len(expected), found
-    for record, wanted in zip(found, expected, strict=True):
-        for x, y in zip(told(record), wanted, strict=True):
-            if isinstance(y, (float, np.ndarray)):
-                assert np.shape(x) == np.shape(y), (record, y)
-                np.testing.assert_allclose(x, y, rtol=1e-12, atol=0)
-            else:
-                assert x == y, (record, x, y)
+def spectrum(channel, values, kind):
+    return {"type": SpectrumRecord, "frequency_hz": F, **locals()}
 
 
 def read(tmp_path, content, **layout):
-    path = tmp_path / "measurement"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return list(iter_records(path, layout))
+    return records_of(tmp_path / "measurement", content, **layout)
 
 
 SIGNALCALC = "Mobilyzer\nProject\t12\nDate\t2026/02/03\nAverages\t10\n\n"
@@ -225,15 +197,16 @@ TABLES = {
         ("Time\tForce\tTime\tTip\ns\tN\tms\tg\n" + rows(T, A, 1e3 * T[:8], B[:8], delimiter="\t"),
         [time("Force", A, "force"), time("Tip", G * B[:8], "acceleration", G)]),
     "coherence alone":
-        ("Frequency [Hz],Coherence tip / hammer\n" + rows(F, G2), [("coherence", "tip", "hammer", F, G2)]),
+        ("Frequency [Hz],Coherence tip / hammer\n" + rows(F, G2),
+        [{"type": CoherenceRecord, "response": "tip", "reference": "hammer", "frequency_hz": F, "values": G2}]),
     "a marker and an empty column":
         ("Time [s],Marker,Force [N],Spare,Tip [g]\n" + rows(T, np.zeros(16), A, [None] * 16, B),
         [time("Force", A, "force"), time("Tip", G * B, "acceleration", G)]),
     "time without a header": (rows(T, A, B), [time("column 2", A), time("column 3", B)]),
     "time without a header, 51.2 kHz":
         (rows(np.arange(16) / 51200, A, B, C, delimiter=";"),
-        [time(f"column {i}", x, rate=51200.0) for i, x in ((2, A), (3, B), (4, C))]),
-    "time without a header, two columns": (rows(np.arange(16) / 200, A), [time("column 2", A, rate=200.0)]),
+        [time(f"column {i}", x, sample_rate_hz=51200.0) for i, x in ((2, A), (3, B), (4, C))]),
+    "time without a header, two columns": (rows(np.arange(16) / 200, A), [time("column 2", A, sample_rate_hz=200.0)]),
     "rows counted, without a header": (rows(np.arange(1, 17), T, A), [time("column 3", A)]),
     "power spectral density":
         ("Frequency (Hz),Tip (g²/Hz),PSD hammer (N^2/Hz)\n" + rows(F, G2, M),
@@ -245,4 +218,4 @@ TABLES = {
 @pytest.mark.parametrize("name", TABLES)
 def test_tables(tmp_path, name):
     content, expected = TABLES[name]
-    same(read(tmp_path, content), expected)
+    require(read(tmp_path, content), expected)

@@ -5,11 +5,13 @@ import struct
 import numpy as np
 import pytest
 import scipy.io
-from benchmarks.made_files import function_58, mode_55
+from benchmarks.made_files import function_58, head, lvm, matlab_4, mode_55
 
+from tests.vibrecords.reading import put, records_of
+from tests.vibrecords.test_formats_containers import matlab_element
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
-from vibrecords.formats.read import detect_format, iter_records
+from vibrecords.formats.read import detect_format
 from vibrecords.records import FrfRecord, ModeRecord, TimeRecord
 
 RNG = np.random.default_rng(36)
@@ -18,19 +20,14 @@ H = RNG.normal(size=(24, 2)) + 1j * RNG.normal(size=(24, 2))
 V = H[:, 0]
 
 
-def records(path, **layout):
-    return list(iter_records(path, layout))
-
-
 def one(path, kind=FrfRecord, **layout):
-    (record,) = records(path, **layout)
+    (record,) = records_of(path, **layout)
     assert isinstance(record, kind)
     return record
 
 
 def saved(path, **arrays):
-    scipy.io.savemat(path, arrays, appendmat=False)
-    return path
+    return put(path, arrays)
 
 
 def require_frf(record, lines=F, values=V):
@@ -44,11 +41,9 @@ def require_frf(record, lines=F, values=V):
 def fieldless(name, rows, width):
     """An array of structs without fields in a MATLAB 5 file: flags, dimensions, name, and no names of fields."""
 
-    def element(kind, data):
-        return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
-
-    parts = element(6, struct.pack("<II", 2, 0)) + element(5, struct.pack("<ii", rows, 1)) + element(1, name)
-    return element(14, parts + struct.pack("<HHi", 5, 4, width) + element(1, b""))
+    flags, shape = struct.pack("<II", 2, 0), struct.pack("<ii", rows, 1)
+    parts = matlab_element(6, flags) + matlab_element(5, shape) + matlab_element(1, name)
+    return matlab_element(14, parts + struct.pack("<HHi", 5, 4, width) + matlab_element(1, b""))
 
 
 @pytest.mark.parametrize(("rows", "width"), [(5, 1), (1, 32), (0, 0), (2**31 - 1, 1)])
@@ -69,7 +64,7 @@ def test_a_two_sided_axis_is_no_signal_and_its_frf_the_half_from_zero(tmp_path, 
     axis = axis.astype(np.int32) if whole else axis
     path = saved(tmp_path / "a", fs=1024.0, f=axis[order], Z=values[order], R=values)
     with pytest.raises(MeasurementError, match=r"'f' .*a two-sided axis.*'Z' .*complex.*'R' .*complex"):
-        records(path)
+        records_of(path)
     record = one(path, frf="Z", frequency_hz="f")
     require_frf(record, axis[:half], values[:half])
     assert f"two-sided axis: {half} of {count} lines, from 0 Hz on" in record.notes
@@ -85,27 +80,12 @@ def test_complex_arrays_beside_a_signal_are_named(tmp_path):
     np.testing.assert_allclose(force.values, np.sin(F))
 
 
-def matlab_4(order="<", kind=0, **arrays):
-    """Matrices as the description of level 4 has them: type, rows, columns, imaginary part or none, name, columns."""
-    letters = ["f8", "f4", "i4", "i2", "u2", "u1"]
-    content = b""
-    for name, value in arrays.items():
-        text = isinstance(value, str)
-        array = np.array([list(map(ord, value))]) if text else np.atleast_2d(np.asarray(value).T).T
-        mopt = 1000 * (order == ">") + 10 * kind + text
-        content += struct.pack(f"{order}5i", mopt, *array.shape, np.iscomplexobj(array), len(name) + 1)
-        content += name.encode() + b"\0"
-        for part in (array.real, array.imag)[: 1 + np.iscomplexobj(array)]:
-            content += part.astype(f"{order}{letters[kind]}").tobytes("F")
-    return content
-
-
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("kind", range(6))
 def test_matlab_4(tmp_path, order, kind):
     whole = np.round(50 * np.abs(H.real)) + 1j * np.round(50 * np.abs(H.imag))
     (tmp_path / "a").write_bytes(matlab_4(order, kind, freq=np.arange(24) + 1, H_A=whole, none=np.empty((0, 3))))
-    first, second = records(tmp_path / "a")
+    first, second = records_of(tmp_path / "a")
     assert detect_format(tmp_path / "a") == "mat4"
     for record, column in zip((first, second), whole.T, strict=True):
         require_frf(record, np.arange(24) + 1, column)
@@ -119,7 +99,7 @@ def test_matlab_4_is_as_scipy_writes_it_and_one_line_where_it_is_cut(tmp_path):
     for size in range(26, len(content), 7):
         (tmp_path / "b").write_bytes(content[:size])
         with pytest.raises(MeasurementError, match="expected"):
-            records(tmp_path / "b")
+            records_of(tmp_path / "b")
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -132,7 +112,7 @@ def test_real_matrices_of_two_and_three_columns_say_how_they_are_named(tmp_path,
     keys = ["frequency_hz", "real", "imaginary"][not axis :]
     layout = {key: f"{name}({f'{i},:' if turned else f':,{i}'})" for i, key in enumerate(keys, start=1)}
     with pytest.raises(MeasurementError) as error:
-        records(path)
+        records_of(path)
     assert ", ".join(f'{key} = "{value}"' for key, value in layout.items()) in str(error.value)
     require_frf(one(path, **layout))
 
@@ -144,7 +124,7 @@ def test_real_matrices_of_two_and_three_columns_say_how_they_are_named(tmp_path,
 ])  # fmt: skip
 def test_modes_under_the_names_of_other_programs(tmp_path, names, layout):
     frequency, ratio, shape = np.array([41.0, 117.0, 260.0]), np.array([0.01, 0.004, 0.02]), RNG.normal(size=(4, 3))
-    found = records(saved(tmp_path / "a", **dict(zip(names, (frequency, ratio, shape), strict=True))), **layout)
+    found = records_of(saved(tmp_path / "a", **dict(zip(names, (frequency, ratio, shape), strict=True))), **layout)
     assert [type(mode) for mode in found] == [ModeRecord] * 3
     assert [mode.frequency_hz for mode in found] == frequency.tolist()
     assert [mode.damping_ratio for mode in found] == ratio.tolist()
@@ -155,7 +135,7 @@ def test_modes_under_the_names_of_other_programs(tmp_path, names, layout):
 def test_channels_of_sep_5(tmp_path, clock):
     hammer = {"data": V.real, "name": "hammer", "unit_str": "N", **clock}
     tip = {"data": V.imag, "name": "tip", "unit_str": "g", "quantity": "Acceleration", **clock}
-    force, motion = records(saved(tmp_path / "a", signals=[hammer, tip]))
+    force, motion = records_of(saved(tmp_path / "a", signals=[hammer, tip]))
     assert (force.channel, force.quantity, force.sample_rate_hz) == ("hammer", "force", pytest.approx(256.0))
     assert (motion.channel, motion.quantity) == ("tip", "acceleration")
     np.testing.assert_allclose(force.values, V.real)
@@ -182,11 +162,6 @@ def test_a_unit_that_test_lab_leaves_open_is_asked_of_its_channel_and_the_answer
 
 
 # ---- text
-
-
-def written(path, text):
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return path
 
 
 def matlab(z, blank=""):
@@ -216,7 +191,7 @@ def test_complex_numbers_in_text(tmp_path, form, delimiter, head):
     cells = [[x, *map(COMPLEX[form][0], row)] for x, row in zip(f, values.tolist(), strict=True)]
     delimiter = "   " if delimiter == " " else delimiter  # as wide columns are
     lines = [delimiter.join(row) for row in ([head] if head else []) + cells]
-    found = records(written(tmp_path / "a", "\n".join(lines) + "\n"))
+    found = records_of(tmp_path / "a", "\n".join(lines) + "\n")
     for record, column, name in zip(found, values.T, ("tip", "base"), strict=True):
         require_frf(record, F, column)
         assert (record.response, record.quantity) == (name, "receptance") or not head
@@ -227,7 +202,7 @@ def test_numpy_writes_frequencies_as_complex_numbers_too(tmp_path):
     require_frf(one(tmp_path / "a"))
     for text in ("1+1j 2+3j\n2+1j 4+5j\n", "1 2+3j 4\n2 4 5+6j\n"):  # no frequency; another column from line 2 on
         with pytest.raises(MeasurementError, match="complex numbers in the first column or changing ones"):
-            records(written(tmp_path / "b", text))
+            records_of(tmp_path / "b", text)
 
 
 def polar(z, decibels):
@@ -236,19 +211,13 @@ def polar(z, decibels):
 
 
 @pytest.mark.parametrize("decibels", [False, True])
-@pytest.mark.parametrize("separator", ["\t", ","])
+@pytest.mark.parametrize("separator", ["Tab", "Comma"])
 def test_magnitude_phase_and_coherence_of_a_labview_spectrum(tmp_path, decibels, separator):
     size, phase = polar(V, decibels)
     squared = np.linspace(0.5, 1.0, 24)
-    head = [["LabVIEW Measurement", ""], ["Writer_Version", "2"], ["Separator", {"\t": "Tab", ",": "Comma"}[separator]]]
-    head += [["Decimal_Separator", "."], ["X_Columns", "One"], ["***End_of_Header***", ""], ["", ""]]
-    head += [["Channels", "3"], ["Samples", *["24"] * 3], ["Y_Unit_Label", "dB" if decibels else "g/N", "deg", ""]]
-    head += [["X_Dimension", *["Frequency"] * 3], ["X0", *["2.5"] * 3], ["Delta_X", *["2.5"] * 3]]
-    names = ["X_Value", "Frequency Response (Magnitude)", "Frequency Response (Phase)", "Coherence", "Comment"]
-    head += [["***End_of_Header***"], names]
-    rows = [map(repr, row) for row in np.column_stack([F, size, phase, squared]).tolist()]
-    text = "\n".join(separator.join(row) for row in [*head, *rows]) + "\n"
-    record = one(written(tmp_path / "a", text))
+    header = head(["dB" if decibels else "g/N", "deg", ""], 24, 2.5, 2.5, "Frequency")
+    names = ["Frequency Response (Magnitude)", "Frequency Response (Phase)", "Coherence"]
+    record = one(put(tmp_path / "a", lvm(names, [F, size, phase, squared], header, separator=separator)))
     require_frf(record, F, V if decibels else 9.80665 * V)
     np.testing.assert_allclose(record.coherence, squared)
 
@@ -261,7 +230,7 @@ def test_names_of_magnitude_and_phase(tmp_path, names, decibels):
     table = np.column_stack([F, *polar(V + 5, decibels)])  # above 1, so that decibels are above 0
     rows = [["frequency [Hz]", *names], *(map(repr, row) for row in table.tolist())]
     text = "\n".join(",".join(row) for row in rows) + "\n"
-    require_frf(one(written(tmp_path / "a", text)), F, V + 5)
+    require_frf(one(put(tmp_path / "a", text)), F, V + 5)
 
 
 @pytest.mark.parametrize("coherences", [("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1")])
@@ -275,33 +244,28 @@ def test_a_coherence_of_a_number_is_that_of_the_frf_of_this_number(tmp_path, coh
         table = np.column_stack([F, V.real, V.imag, H[:, 1].real, H[:, 1].imag, *squared.values()])
         head = ["frequency [Hz]", "FRF1 real", "FRF1 imag", "FRF2 real", "FRF2 imag", *squared]
         rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
-        path = written(tmp_path / "a", ",".join(head) + "\n" + rows)
-    for record, column, number in zip(records(path), H.T, "12", strict=True):
+        path = put(tmp_path / "a", ",".join(head) + "\n" + rows)
+    for record, column, number in zip(records_of(path), H.T, "12", strict=True):
         require_frf(record, F, column)
         np.testing.assert_allclose(record.coherence, next(v for name, v in squared.items() if name.endswith(number)))
 
 
 def labview(counts, clocks, columns):
     """Time histories over one X column, with shorter channels that have a clock of their own."""
-    names = [f"channel {i}" for i in range(len(columns))]
-    head = [["LabVIEW Measurement", ""], ["Separator", "Tab"], ["X_Columns", "One"], ["***End_of_Header***", ""], [""]]
-    head += [["Channels", str(len(columns))], ["Samples", *map(str, counts)], ["Y_Unit_Label", *["N"] * len(columns)]]
-    head += [["X0", *["0"] * len(columns)], ["Delta_X", *map(str, clocks)], ["***End_of_Header***"]]
-    size = max(map(len, columns))
-    rows = [[repr(i * clocks[0]), *(repr(c[i]) if i < len(c) else "" for c in columns)] for i in range(size)]
-    return "\n".join("\t".join(row) for row in [*head, ["X_Value", *names, "Comment"], *rows]) + "\n"
+    names, header = [f"channel {i}" for i in range(len(columns))], head(["N"] * len(columns), counts, step=clocks)
+    return lvm(names, [clocks[0] * np.arange(max(map(len, columns))), *columns], header)
 
 
 def test_side_channels_of_another_clock_and_length_are_named_and_not_read(tmp_path):
     long, short = RNG.normal(size=40).tolist(), RNG.normal(size=5).tolist()
     text = labview([40, 5, 40], [0.01, 1.0, 0.01], [long, short, long[::-1]])
-    first, second = records(written(tmp_path / "a", text))
+    first, second = records_of(tmp_path / "a", text)
     assert (first.channel, second.channel, first.sample_rate_hz) == ("channel 0", "channel 2", pytest.approx(100))
     np.testing.assert_array_equal([first.values, second.values], [long, long[::-1]])
     assert "'channel 1' not read: 5 samples, where 'channel 0' has 40" in first.notes
     for counts, clocks in (([40, 40], [0.01, 1.0]), ([5, 40], [1.0, 0.01])):  # X_Value may be that of either
         with pytest.raises(MeasurementError, match="expected one clock"):
-            records(written(tmp_path / "b", labview(counts, clocks, [long[: counts[0]], long])))
+            records_of(tmp_path / "b", labview(counts, clocks, [long[: counts[0]], long]))
 
 
 # ---- universal files
@@ -319,29 +283,29 @@ def test_a_last_line_filled_up_with_zeros(tmp_path, single, even, count):
     for i, width in enumerate(widths):
         if sum(widths[:i]) >= filled:
             last += f"{0:{width}.5E}"
-    require_frf(one(written(tmp_path / "a", "\n".join([*lines, last, end]) + "\n")), F[:count], values)
+    require_frf(one(put(tmp_path / "a", "\n".join([*lines, last, end]) + "\n")), F[:count], values)
     if len(last) > filled:  # a number beyond the count is none to leave out, nor a line of zeros
         for wrong in ([f"{last[: -widths[-1]]}{3:{widths[-1]}.5E}", end], [last, f"{0:13.5E}" * 6, end]):
             with pytest.raises(MeasurementError, match="more numbers"):
-                records(written(tmp_path / "b", "\n".join([*lines, *wrong]) + "\n"))
+                records_of(tmp_path / "b", "\n".join([*lines, *wrong]) + "\n")
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("tail", ["\x1a", "\x1a\r\n", "\n\x1a\x1a"])
 def test_text_before_the_first_data_set_and_ctrl_z_behind_the_last(tmp_path, end, tail):
     text = function_58(V, F).replace("\n", end)
-    for head in ("", f"Export of analyser 7{end}2026-02-03, 58 channels{end}-1.5 2.5{end}"):
+    for above in ("", f"Export of analyser 7{end}2026-02-03, 58 channels{end}-1.5 2.5{end}"):
         for body in (text, text.rstrip()):
-            np.testing.assert_allclose(one(written(tmp_path / "a", head + body + tail)).values, V, rtol=1e-11)
+            np.testing.assert_allclose(one(put(tmp_path / "a", above + body + tail)).values, V, rtol=1e-11)
     with pytest.raises(MeasurementError, match="between data sets"):
-        records(written(tmp_path / "b", text + "more text" + end + text))
+        records_of(tmp_path / "b", text + "more text" + end + text)
     with pytest.raises(MeasurementError, match="expected"):  # the first delimiter is missing
-        records(written(tmp_path / "c", text.split(end, 1)[1] + text))
+        records_of(tmp_path / "c", text.split(end, 1)[1] + text)
 
 
 @pytest.mark.parametrize("text", ["f;re;im\n1;2,5;3\n2;3;4\n\x1a", "f,re,im\r\n1,2.5,3\r\n2,3,4\r\n\x1a"])
 def test_a_table_that_dos_ended(tmp_path, text):
-    require_frf(one(written(tmp_path / "a", text)), [1, 2], [2.5 + 3j, 3 + 4j])
+    require_frf(one(put(tmp_path / "a", text)), [1, 2], [2.5 + 3j, 3 + 4j])
 
 
 @pytest.mark.parametrize("per_line", [1, 3, 5, 100])
@@ -356,9 +320,9 @@ def test_modes_in_free_columns(tmp_path, per_line, complex_, on_one_line):
         cells = [repr(float(x)) for x in row.astype(complex).view(float)[:: 1 if complex_ else 2]]
         broken = [" ".join(cells[i : i + per_line]) for i in range(0, len(cells), per_line)]
         lines += [f"{node} " + broken[0], *broken[1:]] if on_one_line else [str(node), *broken]
-    mode = one(written(tmp_path / "a", "\n".join([*lines, "    -1"]) + "\n"), ModeRecord)
+    mode = one(put(tmp_path / "a", "\n".join([*lines, "    -1"]) + "\n"), ModeRecord)
     assert (mode.number, mode.frequency_hz, mode.damping_ratio) == (2, 52.5, 0.012)
     expected = {f"{node}:{axis}": x for node, row in shape.items() for axis, x in zip("XYZ", row.tolist(), strict=True)}
     assert {label.rstrip("+"): value for label, value in mode.shape.items()} == pytest.approx(expected)
     with pytest.raises(MeasurementError, match="expected"):  # one number less
-        records(written(tmp_path / "b", "\n".join([*lines[:-1], lines[-1].rpartition(" ")[0], "    -1"]) + "\n"))
+        records_of(tmp_path / "b", "\n".join([*lines[:-1], lines[-1].rpartition(" ")[0], "    -1"]) + "\n")

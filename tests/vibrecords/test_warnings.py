@@ -30,28 +30,17 @@ def records(rng, quantity="accelerance", *, relative=0.02, floor=0.01, lines=LIN
         exact = exact * quantity_factor(lines, quantity)
         sd = relative * np.abs(exact) + floor * np.median(np.abs(exact))
         noisy = exact + sd * (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size))
-        found.append(
-            FrfRecord(
-                f"Point:{response + 1}:Z+",
-                f"Point:{reference + 1}:Z+",
-                lines,
-                noisy,
-                quantity,
-                UNITS[quantity],
-                1 / (1 + 18 * sd**2 / np.abs(exact) ** 2),
-                10,
-                f"data set {len(found) + 1}",
-            )
+        pair, coherence = (
+            (f"Point:{n + 1}:Z+" for n in (response, reference)),
+            1 / (1 + 18 * sd**2 / np.abs(exact) ** 2),
         )
+        told = quantity, UNITS[quantity], coherence, 10, f"data set {len(found) + 1}"
+        found.append(FrfRecord(*pair, lines, noisy, *told))
     return found
 
 
 def times(record, factor):
     return replace(record, values=record.values * factor)
-
-
-def only(*which):
-    return lambda found: [found[i] for i in which]
 
 
 def each(**changes):
@@ -63,17 +52,7 @@ def first(**changes):
 
 
 def lines_kept(keep):
-    def broken(found):
-        return [
-            replace(r, frequency_hz=r.frequency_hz[keep], values=r.values[keep], coherence=r.coherence[keep])
-            for r in found
-        ]
-
-    return broken
-
-
-def gap(n):
-    return np.delete(np.arange(n), 50)
+    return lambda found: [record.at_lines(keep) for record in found]
 
 
 def with_values(index, value):
@@ -86,7 +65,7 @@ def with_values(index, value):
 
 
 def conjugates(found):
-    return [replace(r, values=r.values.conj()) for r in found]
+    return [r.conjugate for r in found]
 
 
 def delayed(found):
@@ -105,9 +84,9 @@ BROKEN = {
     "direction against the label": ("sign_flip", "accelerance", first(response="Point:1:Z-")),
     "receptance called accelerance":
         ("sign_flip", "receptance", first(quantity="accelerance", unit=UNITS["accelerance"])),
-    "conjugated accelerance": ("conjugated", "accelerance", lambda r: conjugates(r)),
-    "conjugated mobility": ("conjugated", "mobility", lambda r: conjugates(r)),
-    "conjugated receptance": ("conjugated", "receptance", lambda r: conjugates(r)),
+    "conjugated accelerance": ("conjugated", "accelerance", conjugates),
+    "conjugated mobility": ("conjugated", "mobility", conjugates),
+    "conjugated receptance": ("conjugated", "receptance", conjugates),
     "conjugated transfer alone": ("conjugated", "receptance", lambda r: conjugates(r[1:2])),
     "conjugated drive point of the other sign": ("sign_flip", "accelerance", lambda r: [times(conjugates(r)[0], -1)]),
     "one of four conjugated": ("conjugated", "accelerance", lambda r: [*r[:3], *conjugates(r[3:])]),
@@ -124,7 +103,7 @@ BROKEN = {
     "coherence above 1": ("coherence_range", "accelerance", each(coherence=np.full(LINES.size, 1.5))),
     "no averages": ("averages_missing", "accelerance", each(averages=None)),
     "no quantity": ("quantity_missing", "accelerance", each(unit="", quantity=None)),
-    "a line left out": ("uneven_lines", "accelerance", lines_kept(gap(LINES.size))),
+    "a line left out": ("uneven_lines", "accelerance", lines_kept(np.arange(LINES.size) != 50)),
     "lines doubled": ("lines_out_of_order", "accelerance", lines_kept(np.sort(np.r_[np.arange(LINES.size), 7]))),
     "axis in rad/s": ("rad_per_s", "accelerance", each(frequency_hz=2 * np.pi * LINES)),
     "axis in rad/s, single precision":
