@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vibrecords.driven import driven_lines
-from vibrecords.frf_set import FrfSet
+from vibrecords.formats import join_frfs
 from vibrecords.inspection import contents_of_records, resonances_text, with_resonances
 from vibrecords.modal_fit import fit_modes
 from vibrecords.records import FrfRecord
@@ -102,9 +102,8 @@ def test_a_band_that_is_asked_for_is_cut_to_what_was_driven():
 def test_without_coherence_the_scatter_of_neighbouring_lines_tells():
     rng = np.random.default_rng(4)
     record = replace(chirp(rng), coherence=None)
-    values = np.where(
-        LINES <= 42, record.values, rng.standard_normal(LINES.size) + 1j * rng.standard_normal(LINES.size)
-    )
+    noise = rng.standard_normal(LINES.size) + 1j * rng.standard_normal(LINES.size)
+    values = np.where(LINES <= 42, record.values, noise)
     found = with_resonances(contents_of_records([replace(record, values=values)]))
     assert [mode.frequency_hz for mode in found.modes] == [pytest.approx(18.6, rel=1e-3)]
     assert found.driven_hz == (None, pytest.approx(42.0, abs=2.0))
@@ -122,12 +121,9 @@ def test_a_response_that_is_small_was_driven_all_the_same():
 
 def test_a_fit_keeps_to_what_was_driven_where_coherence_tells():
     record = chirp(np.random.default_rng(5))
-    shape = (-1, 1, 1)
-    frf = FrfSet(
-        LINES, record.values.reshape(shape), ("1:z",), ("1:z",), "accelerance", record.coherence.reshape(shape)
-    )
+    frf = join_frfs([record], "chirp")
     fit = fit_modes(frf)
     assert [mode.frequency_hz for mode in fit.modes] == [pytest.approx(18.6, rel=1e-3)]
     assert len(fit.values) == (LINES <= 42).sum()
     # with the variance stated all lines are fitted: whoever states it says what each is worth
-    assert len(fit_modes(frf, np.full(record.values.shape, 0.1).reshape(shape)).values) == LINES.size
+    assert len(fit_modes(frf, np.full(frf.values.shape, 0.1)).values) == LINES.size

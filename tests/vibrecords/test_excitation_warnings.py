@@ -32,9 +32,8 @@ class Structure:
         for _ in range(averages):
             x = force * np.exp(2j * np.pi * self.rng.random(lines.size))
             moved = shift * (1 + spread * self.rng.uniform(-1, 1))
-            y = x * self.exact(lines, response, moved) * (1 + 0.01 * self.gauss(lines)) + noise * typical * self.gauss(
-                lines
-            )
+            y = x * self.exact(lines, response, moved) * (1 + 0.01 * self.gauss(lines))
+            y = y + noise * typical * self.gauss(lines)
             if hum is not None:
                 y = y + typical * hum * np.exp(2j * np.pi * self.rng.random())
             xx, yx, yy = xx + np.abs(x) ** 2, yx + y * x.conj(), yy + np.abs(y) ** 2

@@ -9,9 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from benchmarks.made_files import function_58
+from benchmarks.made_files import function_58, head, lvm
 
 from tests.vibrecords.broken_files import FRF, npz_bytes
+from tests.vibrecords.reading import put
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError
 from vibrecords.formats import (
@@ -61,12 +62,7 @@ def test_what_is_no_file_is_refused_without_waiting(tmp_path, monkeypatch, name,
     Path("loop").symlink_to("loop")
     Path("file").write_text("1,2,3\n")
     os.mkfifo("pipe")
-    for attempt in (
-        detect_format,
-        lambda path: list(iter_records(path)),
-        read_frf,
-        lambda path: inspect_file(Path(path)),
-    ):
+    for attempt in (detect_format, lambda path: next(iter_records(path)), read_frf, lambda p: inspect_file(Path(p))):
         with pytest.raises(MeasurementError) as caught:
             attempt(name)
         assert found in str(caught.value)
@@ -118,16 +114,11 @@ def test_more_data_sets_than_belong_to_so_many_are_refused(tmp_path, monkeypatch
 @pytest.mark.parametrize("long", ["x" * 301, "x" * 100_000])
 def test_labels_and_units_longer_than_any_are_refused(tmp_path, long):
     csv = f"frequency [Hz],real {long},imaginary {long}\n1,2,3\n2,3,4\n"
-    lvm = (
-        "LabVIEW Measurement\n***End_of_Header***\n\nChannels\t1\n***End_of_Header***\nX_Value\t"
-        + long
-        + "\n0\t1\n1\t2\n"
-    )
+    labview = lvm([long], [[0, 1], [1, 2]], head(["N"], 2))
     label = npz_bytes(frf=LINES + 1j, frequency_hz=LINES, outputs=np.array([long]))
     unit = npz_bytes(frf=LINES + 1j, frequency_hz=LINES, unit=np.array(long))
-    for content in (csv.encode(), lvm.encode(), label, unit):
-        (tmp_path / "a").write_bytes(content)
-        message = refusal(tmp_path / "a")
+    for content in (csv, labview, label, unit):
+        message = refusal(put(tmp_path / "a", content))
         assert f"expected at most {stated.LONGEST_LABEL}" in message
         assert len(message) < 600
 
@@ -163,10 +154,8 @@ def join(n):
 
 
 def same_names(n):
-    columns = [
-        Column("frequency", "", "Hz"),
-        *[Column(role, "a", "") for _ in range(n) for role in ("real", "imaginary")],
-    ]
+    roles = ["real", "imaginary"] * n
+    columns = [Column("frequency", "", "Hz"), *(Column(role, "a", "") for role in roles)]
     sum(1 for _ in records_of_tables([ColumnTable(columns, np.ones((1, len(columns))), {})]))
 
 
@@ -295,9 +284,8 @@ def test_an_archive_of_many_entries_is_refused_before_one_is_read(tmp_path, monk
     listed = zipfile.ZipFile
     archive(5001)
     monkeypatch.setattr(zipfile, "ZipFile", lambda *args, **kw: opened.append(args) or listed(*args, **kw))
-    assert "found an archive of 5001 entries; expected at most 5000; join arrays, or split it" in refusal(
-        tmp_path / "many.npz"
-    )
+    message = refusal(tmp_path / "many.npz")
+    assert "found an archive of 5001 entries; expected at most 5000; join arrays, or split it" in message
     assert opened == []
     archive(5000)
     assert "entries" not in refusal(tmp_path / "many.npz")

@@ -1,7 +1,7 @@
 """Measurement files of every format: what is written is read, to the last bit but in UFF text; formats by content."""
 
-import dataclasses
 import stat
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,23 +37,13 @@ def frf_set(lines=AXES["even"], seed=0, **changes):
     outputs, inputs = ("Point:11:Y+", "7:RZ-", "acc tip"), ("11:y", "Point:3:Z-")
     shape = (lines.size, len(outputs), len(inputs))
     values = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * 10 ** rng.uniform(-12, 4, size=shape)
-    given = {
-        "frequency_hz": lines,
-        "values": values,
-        "outputs": outputs,
-        "inputs": inputs,
-        "quantity": "accelerance",
-        "coherence": rng.uniform(size=shape),
-        "averages": 7,
-    }
-    return FrfSet(**(given | changes))
+    return replace(FrfSet(lines, values, outputs, inputs, "accelerance", rng.uniform(size=shape), 7), **changes)
 
 
 def same_set(a, b, form=""):
     arrays = ("frequency_hz", "values") + (("coherence",) if a.coherence is not None else ())
-    assert [getattr(a, k) for k in ("outputs", "inputs", "quantity", "averages")] == [
-        getattr(b, k) for k in ("outputs", "inputs", "quantity", "averages")
-    ]
+    for key in ("outputs", "inputs", "quantity", "averages"):
+        assert getattr(a, key) == getattr(b, key)
     assert (a.coherence is None) == (b.coherence is None)
     if form == "uff58":
         return all(np.allclose(getattr(a, name), getattr(b, name), rtol=1e-9, atol=0) for name in arrays)
@@ -108,20 +98,13 @@ def test_nan_and_zero_stay_where_they_are(tmp_path, form):
 @pytest.mark.parametrize("form", EXACT)
 def test_time_histories_come_back_bit_for_bit(tmp_path, form):
     rng = np.random.default_rng(1)
-    records = [
-        TimeRecord("11:y", 1 / 3 * 1e4, rng.normal(size=50), "force", hit=1),
-        TimeRecord("11:y", 1 / 3 * 1e4, rng.normal(size=50), "force", hit=2),
-        TimeRecord("Point:4:Z+", 1 / 3 * 1e4, rng.normal(size=50), "acceleration"),
-        TimeRecord("laser", 1 / 3 * 1e4, rng.normal(size=50), "velocity"),
-        TimeRecord("gap", 1 / 3 * 1e4, rng.normal(size=50), "displacement"),
-        TimeRecord("other", 1 / 3 * 1e4, rng.normal(size=50), "unknown"),
-    ]
+    told = [("11:y", "force", 1), ("11:y", "force", 2), ("Point:4:Z+", "acceleration", None)]
+    told += [("laser", "velocity", None), ("gap", "displacement", None), ("other", "unknown", None)]
+    records = [TimeRecord(name, 1 / 3 * 1e4, rng.normal(size=50), what, hit=hit) for name, what, hit in told]
     write_records(records, tmp_path / "a", form)
-    read = list(iter_records(tmp_path / "a"))
-    assert [(r.channel, r.sample_rate_hz, r.quantity, r.hit) for r in read] == [
-        (r.channel, r.sample_rate_hz, r.quantity, r.hit) for r in records
-    ]
-    assert all(a.values.tobytes() == b.values.tobytes() for a, b in zip(read, records, strict=True))
+    for a, b in zip(iter_records(tmp_path / "a"), records, strict=True):
+        assert (a.channel, a.sample_rate_hz, a.quantity, a.hit) == (b.channel, b.sample_rate_hz, b.quantity, b.hit)
+        assert a.values.tobytes() == b.values.tobytes()
 
 
 @pytest.mark.parametrize("form", ["uff58b", "npz", "mat", "mat73", "hdf5"])
@@ -211,7 +194,7 @@ def test_mere_names_are_no_degrees_of_freedom(name):
 
 
 def records(**changes):
-    return [dataclasses.replace(r, **changes) for r in records_of_frf(frf_set())]
+    return [replace(r, **changes) for r in records_of_frf(frf_set())]
 
 
 def joined(record, f_min_hz, f_max_hz=None):
@@ -256,11 +239,11 @@ def test_assembly_says_what_is_in_the_way(given, message):
 
 def test_assembly_takes_the_least_averages_and_coherence_only_if_complete():
     first, *rest = records()
-    mixed = [dataclasses.replace(first, averages=3, coherence=None), *rest]
+    mixed = [replace(first, averages=3, coherence=None), *rest]
     frf = join_frfs(mixed, "a")
     assert frf.averages == 3
     assert frf.coherence is None
-    assert join_frfs([dataclasses.replace(first, averages=None), *rest], "a").averages is None
+    assert join_frfs([replace(first, averages=None), *rest], "a").averages is None
 
 
 def test_coherence_of_single_precision_may_pass_one_by_a_hair():

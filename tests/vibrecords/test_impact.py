@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.one_line import refused
-from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
+from vibrecords.formats import join_frfs
 from vibrecords.records import TimeRecord
 from vibrecords.signals.hits import HitSettings
 from vibrecords.signals.impact import frfs_of_hits, impact_frfs
@@ -269,23 +269,7 @@ def test_the_variance_from_coherence_is_the_scatter_of_simulated_impact_tests(hi
         forces, responses = one_test(hammered(Hammer(hits, 2e-3), noise, seed))
         found.append(impact_frf(forces, responses[1], settings).frf)
     values = np.array([frf.values for frf in found])
-    predicted = np.mean(
-        [
-            coherence_variance(
-                FrfSet(
-                    f.frequency_hz,
-                    f.values[:, None, None],
-                    ("2",),
-                    ("1",),
-                    f.quantity,
-                    f.coherence[:, None, None],
-                    hits,
-                )
-            ).ravel()
-            for f in found
-        ],
-        axis=0,
-    )
+    predicted = np.mean([coherence_variance(join_frfs([frf], "hits")).ravel() for frf in found], axis=0)
     scatter = values.var(axis=0, ddof=1)
     assert (predicted / scatter).mean() == pytest.approx(1.0, abs=0.05)
     assert_array_equal([f.averages for f in found], hits)

@@ -81,9 +81,8 @@ def test_each_hit_is_shown_and_the_frfs_of_the_hits_have_their_resonance(hits):
     assert "LEFT OUT: double hit, again after 2" in text
     first = next(line for line in text.splitlines() if "Point:1:Z+ hit 1: " in line)
     # a half sine is 20 dB down at 1.31 over its length, which is 1.5 times the width at half its height
-    assert float(first.split("20 dB down at ")[1].split()[0]) * found.hits[0].hit.width_s == pytest.approx(
-        0.87, rel=0.1
-    )
+    down_hz = float(first.split("20 dB down at ")[1].split()[0])
+    assert down_hz * found.hits[0].hit.width_s == pytest.approx(0.87, rel=0.1)
     assert {d.key for d in found.warnings} == {"double_hit"}
     (mode,) = found.modes
     assert mode.frequency_hz == pytest.approx(200.0, abs=max(4 * mode.frequency_sd_hz, 0.02))
@@ -130,13 +129,8 @@ def test_many_frfs_are_streamed():
 def test_all_kinds_of_records_are_listed():
     f = np.arange(1.0, 21.0)
     modes = [ModeRecord(1, 12.5, 0.01, 0.004, 2e-4, {"1:z": 1 + 0j, "2:z": -0.5 + 0j}), ModeRecord(2, 40.0)]
-    listed = inspected(
-        [
-            CoherenceRecord("1:z", "2:z", f, np.full(20, 0.9), 8),
-            SpectrumRecord("acc", "PSD", f, np.ones(20), "g²/Hz"),
-            *modes,
-        ]
-    )
+    spectrum = SpectrumRecord("acc", "PSD", f, np.ones(20), "g²/Hz")
+    listed = inspected([CoherenceRecord("1:z", "2:z", f, np.full(20, 0.9), 8), spectrum, *modes])
     assert listed.kinds == {
         "coherence, without its FRF; 20 lines, 1 to 20 Hz every 1 Hz": 1,
         "spectrum, no FRF: PSD, unit g²/Hz; 20 lines, 1 to 20 Hz every 1 Hz": 1,
@@ -182,7 +176,7 @@ def test_numbers_that_no_measurement_gives_are_warned_of_and_nothing_else_is_jud
 
 def conjugated_file(path):
     exact = records(np.random.default_rng(1), lines=COARSE)
-    write_records([replace(r, values=r.values.conj()) for r in exact], path, "uff58b")
+    write_records([r.conjugate for r in exact], path, "uff58b")
     return path
 
 

@@ -20,21 +20,25 @@ def measured(outputs=("41:y", "1:y", "2:y", "3:y"), inputs=("41:y",), elements=4
     return FrfSet(LINES, receptance(LINES, outputs, inputs, elements=elements, joint=soft), outputs, inputs)
 
 
+def moved(frf, *rotations) -> FrfData:
+    """Of variances of one."""
+    return replace_stations(FrfData(frf, np.ones(frf.values.shape)), rotations)
+
+
 def test_a_rotation_replaces_the_stations_it_was_made_from_and_leaves_the_others():
     frf = measured()
-    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
-    found, variance = moved.frf, moved.variance
-    assert found.outputs == ("41:y", "3:y", "1:rz")
-    np.testing.assert_allclose(found.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING)
-    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 2 / SPACING**2])
+    found = moved(frf, FIRST)
+    assert found.frf.outputs == ("41:y", "3:y", "1:rz")
+    np.testing.assert_allclose(
+        found.frf.frf("1:rz", "41:y"), (frf.frf("2:y", "41:y") - frf.frf("1:y", "41:y")) / SPACING
+    )
+    np.testing.assert_allclose(found.variance[0, :, 0], [1, 1, 2 / SPACING**2])
 
 
 def test_a_station_of_no_weight_stays():
-    frf = measured()
-    moved = replace_stations(FrfData(frf, np.ones(frf.values.shape)), [CENTRE])
-    found, variance = moved.frf, moved.variance
-    assert found.outputs == ("41:y", "2:y", "2:rz")
-    np.testing.assert_allclose(variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
+    found = moved(measured(), CENTRE)
+    assert found.frf.outputs == ("41:y", "2:y", "2:rz")
+    np.testing.assert_allclose(found.variance[0, :, 0], [1, 1, 1 / (2 * SPACING**2)])
 
 
 @pytest.mark.parametrize("rotation", [FIRST, CENTRE])
@@ -42,21 +46,19 @@ def test_the_variance_is_the_diagonal_of_the_covariance_and_nothing_off_it_is_lo
     frf = measured()
     rng = np.random.default_rng(1)
     variance = rng.uniform(0.5, 2.0, frf.values.shape)
-    moved = replace_stations(FrfData(frf, variance), [rotation])
-    found, reduced = moved.frf, moved.variance
-    both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.outputs[:-1]])
+    found = replace_stations(FrfData(frf, variance), [rotation])
+    both = np.array([np.eye(4)[frf.outputs.index(o)] for o in found.frf.outputs[:-1]])
     weights = np.zeros(4)
     weights[[frf.outputs.index(s) for s in rotation.stations]] = rotation.weights
     whole = np.vstack([both, weights])
     covariance = whole @ (variance[:, :, 0, None] * np.eye(4)) @ whole.T
-    np.testing.assert_allclose(covariance, reduced[:, :, 0, None] * np.eye(len(whole)), rtol=1e-12)
+    np.testing.assert_allclose(covariance, found.variance[:, :, 0, None] * np.eye(len(whole)), rtol=1e-12)
 
 
 def test_two_rotations_from_one_station_are_refused():
-    frf = measured()
     other = Rotation("2:rz", ("2:y", "3:y"), SPACING, "first order", True)
     with pytest.raises(MeasurementError, match="found station 2:y in 1:rz as well"):
-        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST, other])
+        moved(measured(), FIRST, other)
 
 
 def test_rotations_that_are_not_data_leave_the_data_alone():
@@ -112,9 +114,8 @@ def test_what_the_iteration_lacks_is_named(outputs, rotations, message):
 
 
 def test_a_rotation_measured_and_derived_is_refused():
-    frf = measured(("41:y", "1:y", "2:y", "1:rz"))
     with pytest.raises(MeasurementError, match="found it among the measured DOFs"):
-        replace_stations(FrfData(frf, np.ones(frf.values.shape)), [FIRST])
+        moved(measured(("41:y", "1:y", "2:y", "1:rz")), FIRST)
 
 
 @pytest.mark.parametrize(("dof", "stations", "axis", "told"), [
