@@ -324,11 +324,10 @@ def _apply_quantity(
             contradicted[record.quantity, record.unit] = warning
         stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
         if record.factor is None and plan.frequencies is None and not plan.free_gain:
-            found = f'{_place(record, where)}: found the unit "{record.unit}", no motion over a force in SI units'
+            found = f'found the unit "{record.unit}", no motion over a force in SI units'
             expected = 'the units of response and force: unit = "g" and, of volts, sensitivity in [data.channels]'
-            raise MeasurementError(
-                f'{found}; expected {expected}; or kind = "measured_frequencies", or [uncertain.gain]'
-            )
+            remedy = 'or kind = "measured_frequencies", or [uncertain.gain]'
+            raise MeasurementError.of(_place(record, where), (), found, expected, remedy)
     return stated, list(contradicted.values())
 
 

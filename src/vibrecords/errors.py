@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from numpy.typing import NDArray
 
 #: What `str.isspace` is true of and a terminal does not show as a blank.
@@ -75,6 +77,30 @@ class MeasurementError(UserError):
 
 class WriteError(UserError):
     """A file cannot be written: no room, no permission, or something else is there."""
+
+
+def require_one_of(allowed: Collection[str], word: str, where: str, what: str = "", remedy: str = "correct it") -> None:
+    """Refuse a word that is none of those allowed; `what` it is stands before it in the message.
+
+    Raises
+    ------
+    MeasurementError
+        Naming all that are allowed.
+    """
+    if word not in allowed:
+        raise MeasurementError(f"{where}: found {what}{word!r}; expected one of {', '.join(allowed)}; {remedy}")
+
+
+def require_at_most(most: int, count: int, where: str, what: str, remedy: str) -> None:
+    """Refuse more of something than any measurement has.
+
+    Raises
+    ------
+    MeasurementError
+        Naming both numbers.
+    """
+    if count > most:
+        raise MeasurementError(f"{where}: found {count} {what}; expected at most {most}; {remedy}")
 
 
 def array_of(given: object, kind: type, what: str, error: type[UserError]) -> NDArray[Any]:

@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Lines, Quantity, convert_fields, quantity_factor
-from vibrecords.errors import MeasurementError, read_only
+from vibrecords.errors import MeasurementError, read_only, require_one_of
 from vibrecords.labels import list_labels
 from vibrecords.notebook_view import frf_svg, table_html
 
@@ -79,16 +79,11 @@ class FrfSet:
         for labels in (self.outputs, self.inputs):
             if len(set(labels)) != len(labels):
                 raise MeasurementError(f"FRF set: found DOFs {labels}; expected each label once")
-        if self.quantity not in get_args(Quantity):
-            raise MeasurementError(
-                f"FRF set: found quantity {self.quantity!r}; expected one of {', '.join(get_args(Quantity))}"
-            )
+        require_one_of(get_args(Quantity), self.quantity, "FRF set", "quantity ")
         if self.coherence is not None and (
             self.coherence.shape != shape or not ((self.coherence >= 0) & (self.coherence <= 1)).all()
         ):
-            raise MeasurementError(
-                f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it or leave it out"
-            )
+            raise MeasurementError(f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it, or drop it")
         if self.averages is not None and not (isinstance(self.averages, Integral) and self.averages >= 1):
             raise MeasurementError(f"FRF set: found {self.averages} averages; expected 1 or more")
 
@@ -156,6 +151,5 @@ def require_lines(frequency_hz: Array, where: str) -> None:
 
 
 def _position(labels: tuple[str, ...], label: str) -> int:
-    if label not in labels:
-        raise MeasurementError(f"FRF set: found DOF {label!r}; expected one of {', '.join(labels)}; correct the label")
+    require_one_of(labels, label, "FRF set", "DOF ", "correct the label")
     return labels.index(label)

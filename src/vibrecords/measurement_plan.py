@@ -6,13 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-
 from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from vibrecords.provenance import ChannelUse, Role
-from vibrecords.records import CoherenceRecord, FrfRecord, Record
+from vibrecords.records import CoherenceRecord, FrfRecord, Record, with_coherence
 from vibrecords.rotations import Rotation
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
@@ -147,9 +145,7 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         values = record.values if factor == 1 else factor * record.values
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
     if not labels:
-        raise MeasurementError(
-            f"{where}: found no FRF; expected at least one; for time histories add a table [data.records]"
-        )
+        raise MeasurementError(f"{where}: found no FRF; expected one; for time histories add a table [data.records]")
     require_channels(channels, labels, where)
     if not kept:
         raise MeasurementError(
@@ -182,14 +178,12 @@ def _with_coherences(
 
 
 def _with_coherence(frf: FrfRecord, coherence: CoherenceRecord, where: str) -> FrfRecord:
-    lines = coherence.frequency_hz
-    if lines.shape != frf.frequency_hz.shape or not np.allclose(lines, frf.frequency_hz, rtol=1e-6, equal_nan=True):
-        raise MeasurementError(
-            f"{where}: {coherence.where}: found a coherence of {lines.size} lines that are not the "
-            f"{frf.frequency_hz.size} of the FRF in {frf.where}; expected the same lines; export again"
-        )
+    try:
+        whole = with_coherence(frf, coherence)
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from None
     notes = (*frf.notes, f"coherence taken from {coherence.where}")
-    return replace(frf, coherence=coherence.values, averages=frf.averages or coherence.averages, notes=notes)
+    return replace(whole, averages=frf.averages or coherence.averages, notes=notes)
 
 
 def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:

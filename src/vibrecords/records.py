@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, ComplexArray, Flags, Lines, Quantity, SensorQuantity, convert_fields
-from vibrecords.errors import MeasurementError, read_only
+from vibrecords.errors import MeasurementError, read_only, require_at_most
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
 #: Squares and products of what is within stay finite.
@@ -205,6 +205,23 @@ def labels_of(record: Record) -> tuple[str, ...]:
     return tuple(record.shape)
 
 
+def with_coherence(frf: FrfRecord, coherence: CoherenceRecord) -> FrfRecord:
+    """An FRF with the coherence that stood apart from it.
+
+    Raises
+    ------
+    MeasurementError
+        If it is one of other lines.
+    """
+    lines, others = frf.frequency_hz, coherence.frequency_hz
+    if others.shape != lines.shape or not np.allclose(others, lines, rtol=1e-6, equal_nan=True):
+        raise MeasurementError(
+            f"{coherence.where}: found a coherence of {others.size} lines that are not the {lines.size} of the FRF in "
+            f"{frf.where}; expected the same lines; export again"
+        )
+    return replace(frf, coherence=coherence.values)
+
+
 def measurable(values: Array | ComplexArray) -> Flags:
     """Which values a measurement can have: 0, or a finite number of a size that occurs."""
     with np.errstate(all="ignore"):
@@ -242,11 +259,7 @@ def require_short(where: str, *labels: str) -> None:
         If one is longer than `LONGEST_LABEL`.
     """
     for label in labels:
-        if len(label) > LONGEST_LABEL:
-            raise MeasurementError(
-                f"{where}: found a name of {len(label)} characters ({label[:20]!r}…); expected at most "
-                f"{LONGEST_LABEL}; shorten it"
-            )
+        require_at_most(LONGEST_LABEL, len(label), where, f"characters in the name {label[:20]!r}…", "shorten it")
 
 
 @contextmanager

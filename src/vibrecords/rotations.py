@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.data import FrfData
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.frf_set import FrfSet
 from vibrecords.labels import direction_of, rotation_sign
 
@@ -74,8 +74,7 @@ class Rotation:
     axis: str = "x"
 
     def __post_init__(self) -> None:
-        if self.scheme not in _SCHEMES:
-            raise MeasurementError(f"rotation: found scheme {self.scheme!r}; expected one of {', '.join(_SCHEMES)}")
+        require_one_of(_SCHEMES, self.scheme, "rotation", "scheme ")
         count = len(_SCHEMES[self.scheme])
         where = f"rotation {self.dof}"
         if ":r" not in self.dof:

@@ -285,7 +285,7 @@ def test_an_archive_of_many_entries_is_refused_before_one_is_read(tmp_path, monk
     archive(5001)
     monkeypatch.setattr(zipfile, "ZipFile", lambda *args, **kw: opened.append(args) or listed(*args, **kw))
     message = refusal(tmp_path / "many.npz")
-    assert "found an archive of 5001 entries; expected at most 5000; join arrays, or split it" in message
+    assert "found 5001 entries of an archive; expected at most 5000; join arrays, or split it" in message
     assert opened == []
     archive(5000)
     assert "entries" not in refusal(tmp_path / "many.npz")

@@ -248,7 +248,10 @@ def test_broken_tdms_and_workbooks_are_one_line(tmp_path):
     for groups, said in (
         ({"a": [("x", A, {}), ("y", B, {})]}, "without a wf_increment; expected the time between samples"),
         ({"a": [("x", A, {"wf_increment": 1.0})]}, "without a wf_increment"),
-        ({"a": [("x", A, {"NI_Number_Of_Scales": np.uint32(4e9)})]}, "found over 100 scales of a channel"),
+        (
+            {"a": [("x", A, {"NI_Number_Of_Scales": np.uint32(4e9)})]},
+            "found 4000000000 scales of a channel",
+        ),
         (
             {"a": [("x", A, {"wf_increment": 0.1}), ("y", B, {"wf_increment": 0.1, "wf_start_offset": 1.0})]},
             "begins at",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import complex_of
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats import matlab_5
 from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix, read_matlab_4
 from vibrecords.formats.written_by import WRITTEN_BY
@@ -90,10 +90,7 @@ def zip_entries(path: Path) -> list[zipfile.ZipInfo]:
     """
     with path.open("rb") as file:
         count = sum(part.count(b"PK\x01\x02") for part in iter(partial(file.read, 2**24), b""))
-    if count > _MOST_ENTRIES:
-        raise MeasurementError(
-            f"{path}: found an archive of {count} entries; expected at most {_MOST_ENTRIES}; join arrays, or split it"
-        )
+    require_at_most(_MOST_ENTRIES, count, f"{path}", "entries of an archive", "join arrays, or split it")
     with zipfile.ZipFile(path) as archive:
         return archive.infolist()
 
@@ -209,10 +206,7 @@ class _Hdf5:
         matlab_5.refuse_deeper(depth, self.count, f"group '{place}'")
         items: Block = {}
         for name in group:
-            if len(name) > LONGEST_LABEL:
-                raise MeasurementError(
-                    f"group '{place[:60]}': found {len(name)} characters; expected at most {LONGEST_LABEL}; rename it"
-                )
+            require_at_most(LONGEST_LABEL, len(name), f"group '{place[:60]}'", "characters of a name", "rename it")
             # MATLAB's own, and links
             if (place or not name.startswith("#")) and isinstance(group.get(name, getlink=True), h5py.HardLink):
                 items[name] = group[name]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, Quantity, complex_of
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.formats import units as known
 from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.matlab_5 import Unread
@@ -318,11 +318,10 @@ def _labels_of_axis(
 
 def _quantity(block: Block) -> Quantity | None:
     word = ", ".join(dict.fromkeys(block.strings("quantity"))).lower()
-    if word and word not in get_args(Quantity):
-        raise MeasurementError(
-            f"{block.where('quantity')}: found {word!r}; expected one of {', '.join(get_args(Quantity))}; correct it"
-        )
-    return cast(Quantity, word) if word else None
+    if not word:
+        return None
+    require_one_of(get_args(Quantity), word, block.where("quantity"))
+    return cast(Quantity, word)
 
 
 def _averages(block: Block) -> int | None:

@@ -180,9 +180,7 @@ def _check(record: FrfRecord, where: str) -> FrfRecord:
 
 def _coherence(coherence: Array, lines: Array, place: str) -> Array:
     if coherence.shape != lines.shape:
-        raise MeasurementError(
-            f"{place}: found coherence on {coherence.size} lines; expected {lines.size}; export again"
-        )
+        raise MeasurementError(f"{place}: found coherence on {coherence.size} lines; expected {lines.size}; drop it")
     bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
     if bad.any():
         line = int(np.argmax(bad))
@@ -205,10 +203,8 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
         )
     if not np.array_equal(record.frequency_hz, first.frequency_hz):
         own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (record, first))
-        found = f"found {own} other than the {others} of {first.where}"
-        raise MeasurementError(
-            f"{where}: {record.where}: {found}; expected the same lines for all FRFs; split the file"
-        )
+        found = f"{record.where}: found {own} other than the {others} of {first.where}"
+        raise MeasurementError(f"{where}: {found}; expected the same lines for all FRFs; split the file")
 
 
 def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrecords.arrays import Array
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.table_text import (
     Column,
     ColumnTable,
@@ -87,9 +87,7 @@ def _file_header(lines: Lines) -> _Layout:
         layout[key.strip().lower()] = value.strip("\t ").lower()
         if layout["separator"] not in separators:
             raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
-    raise MeasurementError(
-        f"line {number}: found the end of the file; expected {_END}; the file is cut off, export again"
-    )
+    raise MeasurementError(f"line {number}: found the end of the file; expected {_END}; it is cut off, export again")
 
 
 def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str], Array]]:
@@ -147,8 +145,7 @@ def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
         raise MeasurementError(f"line {number}: found {line[:30]!r}; expected the names of columns, X_Value first")
     while names and (not names[-1] or names[-1].lower() == "comment"):
         names.pop()
-    if len(names) > MOST_COLUMNS:
-        raise MeasurementError(f"line {number}: found {len(names)} columns; expected at most {MOST_COLUMNS}; split it")
+    require_at_most(MOST_COLUMNS, len(names), f"line {number}", "columns", "split the file")
     require_short(f"line {number}", *names)
     return names
 
@@ -176,9 +173,7 @@ def _table(
     empty = np.asarray(np.isnan(values).all(axis=0))
     for i, name in enumerate(names):  # the header has a cell for each column behind the first
         if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
-            raise MeasurementError(
-                f"line {segment.line}: found no number of X_Value of {names[i + 1]!r}; expected some"
-            )
+            raise MeasurementError(f"line {segment.line}: found an empty X_Value of {names[i + 1]!r}; expected numbers")
         if name.lower() != "x_value":
             columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
         elif dimensions[i].lower() == "frequency":

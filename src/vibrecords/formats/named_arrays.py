@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
 from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
@@ -107,9 +107,8 @@ def tokens_of(name: str) -> tuple[str, ...]:
     >>> tokens_of("frequencyBand"), tokens_of("H11_dB")
     (('frequency', 'band'), ('h', '11', 'db'))
     """
-    return tuple(
-        token.lower() for token in _TOKEN.findall(re.sub("dB|kHz|[Mm]Hz", lambda unit: f"_{unit[0].lower()}_", name))
-    )
+    apart = re.sub("dB|kHz|[Mm]Hz", lambda unit: f"_{unit[0]}_".lower(), name)
+    return tuple(token.lower() for token in _TOKEN.findall(apart))
 
 
 def meaning_of(name: str) -> Meaning:
@@ -244,9 +243,8 @@ class Block:
         """Units that a name or the unit next to it tells: ``deg``, ``rad``, ``db``, ``khz`` and others."""
         unit = re.match(r"[\[(]?(°|[A-Za-z]+)", self.unit_of(name))
         words = {*self.meanings[name].hints, *([unit[1].lower()] if unit else [])}
-        return frozenset(
-            "deg" if word[:3] in ("deg", "°") else word[:3] if word[:3] == "rad" else word for word in words
-        )
+        short = {"deg": "deg", "°": "deg", "rad": "rad"}
+        return frozenset(short.get(word[:3], word) for word in words)
 
     def scalar(self, role: str) -> float | None:
         """Number of a role or a name in this block or an outer one."""
@@ -359,9 +357,7 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
         rate, notes = _rate(block, name, len(samples))
         histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
         for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
-            if word and word not in get_args(SensorQuantity):
-                expected = ", ".join(get_args(SensorQuantity))
-                raise MeasurementError(f"{block.where('quantities')}: found {word!r}; expected one of {expected}")
+            require_one_of(("", *get_args(SensorQuantity)), word, block.where("quantities"))
             factor, quantity, converted = read_sensor_unit(unit)
             if word and quantity not in (None, word):
                 factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]

@@ -60,9 +60,7 @@ def detect_format(path: str | Path) -> str:
         head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text.startswith(b"version https://git-lfs"):
-        raise MeasurementError(
-            f"{path}: found a pointer of Git LFS; expected the measurement itself; run `git lfs pull`"
-        )
+        raise MeasurementError(f"{path}: found a pointer of Git LFS; expected the measurement; run `git lfs pull`")
     if wide and text.split(b"\n", 1)[0].strip() == b"-1":
         raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")
     by_beginning = (kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning))
@@ -163,9 +161,7 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:
-        raise MeasurementError(
-            f"{path}: found a fault on reading ({error}); expected a readable file; copy it again"
-        ) from None
+        raise MeasurementError(f"{path}: found a fault ({error}); expected a readable file; copy it again") from None
     if not count:
         raise MeasurementError(
             f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "

@@ -16,7 +16,7 @@ from typing import Literal, cast
 import numpy as np
 
 from vibrecords.arrays import Array, Quantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.units import TIME_S, frequency_factor, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, require_short
 
@@ -409,10 +409,7 @@ def read_text_table(lines: Lines) -> ColumnTable:
     count = len(_fields(first[0][1], delimiter))
     if head and first[0][1].rstrip(" ").endswith(delimiter) and len(_fields(head[-1].text, delimiter)) == count + 1:
         count += 1  # the last column begins empty
-    if count > MOST_COLUMNS:
-        raise MeasurementError(
-            f"line {first[0][0]}: found {count} columns; expected at most {MOST_COLUMNS}; split the file"
-        )
+    require_at_most(MOST_COLUMNS, count, f"line {first[0][0]}", "columns", "split the file")
     if head and (halves := _numbers_and_words(head[-1].text, delimiter, count)):
         first.insert(0, (head[-1].number, halves[0]))
         header = halves[1]

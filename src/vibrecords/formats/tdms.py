@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe
 from vibrecords.records import MOST_COLUMNS, refuse_damage, require_short
 
@@ -46,10 +46,7 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
                 f"content: found {sum(map(len, channels))} values in {size} bytes; expected fewer; copy the file again"
             )
         scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
-        if max(map(int, scales)) > _MOST_SCALES:
-            raise MeasurementError(
-                f"content: found over {_MOST_SCALES} scales of a channel; expected fewer; copy it again"
-            )
+        require_at_most(_MOST_SCALES, max(map(int, scales)), "content", "scales of a channel", "copy it again")
         status = file.file_status
         notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
         groups: dict[str, list[_Channel]] = {}

@@ -25,7 +25,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.table_text import bad_number, float_of, plain_text
 from vibrecords.formats.units import (
     MOTION_OF,
@@ -48,6 +48,7 @@ from vibrecords.records import (
     TimeRecord,
     dof_label,
     even_rate,
+    with_coherence,
 )
 
 #: Specific data types of the format.
@@ -189,10 +190,8 @@ def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
     ids = tuple(line.strip() for line in lines[:5])
     dofs = Dof(_entity(entities[0]), dof[2], dof[3]), Dof(_entity(entities[1]), dof[4], dof[5])
     axes = _axis(lines, 7), _axis(lines, 8), _axis(lines, 9)
-    even, (order, stated_bytes) = spacing == 1, _binary(binary)
-    return FunctionHeader(
-        ids, dof[0], dof[1], *dofs, ordinate, count, even, minimum, increment, *axes, order, stated_bytes
-    )
+    even, (order, size) = spacing == 1, _binary(binary)
+    return FunctionHeader(ids, dof[0], dof[1], *dofs, ordinate, count, even, minimum, increment, *axes, order, size)
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
@@ -767,11 +766,7 @@ class _UniversalFile:
     def body(self, data_set: UffDataSet, most: int = MOST_BYTES) -> bytes:
         """Content of a data set of at most so many bytes."""
         size = data_set.stop - data_set.start
-        if size > most:
-            raise MeasurementError(
-                f"data set {data_set.number}: found {size} bytes of type {data_set.kind}; expected at most {most}; "
-                "export less"
-            )
+        require_at_most(most, size, f"data set {data_set.number}", f"bytes of type {data_set.kind}", "export less")
         self.file.seek(data_set.start)
         return self.file.read(size)
 
@@ -891,12 +886,14 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
         return _time(source, data_set, response, nth if len(source.places[place]) > 1 else None)
     if kind == _FRF:
         return _frf(source, data_set, place, nth)
-    if (_FRF, response, reference, 0) in source.places:
-        return None
+    return None if (_FRF, response, reference, 0) in source.places else _coherence(source, data_set, place)
+
+
+def _coherence(source: _UniversalFile, data_set: UffDataSet, place: Place) -> CoherenceRecord:
     notes: list[str] = []
     header, abscissa, squared = source.function(data_set)
-    lines = _frequency_hz(abscissa, header, notes)
-    return CoherenceRecord(response, reference, lines, squared.real, _averages(header), where, tuple(notes))
+    lines, where = _frequency_hz(abscissa, header, notes), f"data set {data_set.number}"
+    return CoherenceRecord(*place[1:3], lines, squared.real, _averages(header), where, tuple(notes))
 
 
 def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -> FrfRecord:
@@ -908,21 +905,14 @@ def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -
     if not header.is_complex:
         notes.append("FRF without imaginary part")
     lines = _frequency_hz(abscissa, header, notes)
-    of_pair, squared = source.places.get((_COHERENCE, response, reference, 0), []), None
-    if of_pair and len(of_pair) != len(source.places[place]):
-        notes.append(f"{len(of_pair)} coherences for {len(source.places[place])} FRFs of this pair: none taken")
-    elif of_pair:
-        coherence = of_pair[nth - 1]
-        coherence_header, coherence_abscissa, gamma2 = source.function(coherence)
-        squared, coherence_lines = gamma2.real, _frequency_hz(coherence_abscissa, coherence_header, [])
-        if coherence_lines.size != lines.size or not np.allclose(coherence_lines, lines, rtol=1e-6, equal_nan=True):
-            raise MeasurementError(
-                f"data set {coherence.number}: found a coherence of {squared.size} lines that are not those of the FRF "
-                f"in data set {data_set.number} ({lines.size} lines); expected the same lines; export again"
-            )
+    of_pair = source.places.get((_COHERENCE, response, reference, 0), [])
+    count, complete = len(source.places[place]), len(of_pair) == len(source.places[place])
+    if of_pair and not complete:
+        notes.append(f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken")
     values, where = scaled(ordinate, factor).astype(complex, copy=False), f"data set {data_set.number}"
-    pair, averages = (response, reference), _averages(header)
-    return FrfRecord(*pair, lines, values, quantity, unit, squared, averages, where, tuple(notes), factor)
+    told = (quantity, unit, None, _averages(header), where, tuple(notes), factor)
+    frf = FrfRecord(response, reference, lines, values, *told)
+    return with_coherence(frf, _coherence(source, of_pair[nth - 1], place)) if complete else frf
 
 
 def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:

@@ -159,8 +159,7 @@ def sensor_unit(label: str) -> tuple[float, SensorQuantity] | None:
     (9.80665, 'acceleration')
     """
     unit = parse_unit(label)
-    quantity = None if unit is None else _SENSORS.get(unit.powers)
-    return None if unit is None or quantity is None else (unit.factor, quantity)
+    return (unit.factor, _SENSORS[unit.powers]) if unit and unit.powers in _SENSORS else None
 
 
 def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | None:

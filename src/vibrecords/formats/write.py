@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibrecords.arrays import Array
-from vibrecords.errors import MeasurementError, WriteError
+from vibrecords.errors import MeasurementError, WriteError, require_one_of
 from vibrecords.files import whole_file
 from vibrecords.formats.array_files import write_hdf5, write_matlab, write_npz
 from vibrecords.formats.uff_write import write_uff
@@ -71,8 +71,7 @@ def write_records(records: Iterable[Record], path: str | Path, format: str) -> N
         If the file cannot be written.
     """
     path, records = Path(path), tuple(records)
-    if format not in _WRITERS:
-        raise MeasurementError(f"{path}: found format {format!r}; expected one of {', '.join(FORMATS)}; correct it")
+    require_one_of(FORMATS, format, str(path), "format ")
     if not records:
         raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
     if any(getattr(record, "factor", 1.0) is None for record in records):

@@ -124,9 +124,7 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
     quiet = [r.values - np.median(r.values) if r.values.size else r.values for r in forces]
     largest = max((float(np.abs(x).max(initial=0.0)) for x in quiet), default=0.0)
     if not largest > 0:
-        raise MeasurementError(
-            f"hits: found no force in {len(forces)} records; expected that of a hammer; look at the channel"
-        )
+        raise MeasurementError(f"hits: found no force in {len(forces)} records; expected a hammer's; check the channel")
     hits: list[Hit] = []
     for i, (record, x) in enumerate(zip(forces, quiet, strict=True)):
         hits += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)

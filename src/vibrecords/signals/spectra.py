@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, ComplexArray, Indices
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.formats.units import MOTION_OF, si_frf_unit
 from vibrecords.records import LARGEST, FrfRecord, TimeRecord, measurable
 from vibrecords.signals.hits import HitSettings
@@ -71,10 +71,7 @@ def estimate_frf(
     Rocklin, G. T., Crowley, J., Vold, H. (1985). A comparison of H1, H2, and Hv frequency response functions.
     Proc. 3rd International Modal Analysis Conference, 272-278.
     """
-    if estimator not in get_args(Estimator):
-        raise MeasurementError(
-            f"FRF estimate: found estimator {estimator!r}; expected one of {', '.join(get_args(Estimator))}"
-        )
+    require_one_of(get_args(Estimator), estimator, "FRF estimate", "estimator ")
     of_force, of_response = (np.mean(np.abs(x) ** 2, axis=0) for x in (force, response))
     cross = np.mean(force.conj() * response, axis=0)
     silent = np.flatnonzero((of_force == 0) | (cross == 0))

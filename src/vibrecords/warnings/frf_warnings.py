@@ -232,10 +232,8 @@ def _sign_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> Measureme
 
 def _phase_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
     likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
-    component = "imaginary" if quantity == "mobility" else "real"
-    return warn(
-        "quantity_phase", f"the FRF is called {quantity}, but {component} at {_peak_words(peaks)}, as {likely} is"
-    )
+    part = "imaginary" if quantity == "mobility" else "real"
+    return warn("quantity_phase", f"the FRF is called {quantity}, but {part} at {_peak_words(peaks)}, as {likely} is")
 
 
 def _peak_words(peaks: tuple[Resonance, ...]) -> str:
