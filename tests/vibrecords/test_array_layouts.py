@@ -165,6 +165,11 @@ FILES = {
     "polytec time":
         ({"x": T[None], "y": X.T, "usd": POLYTEC | {"XUnit": "s", "YUnit": "m/s"}},
         [history("point 1", X[:, 0], quantity="velocity"), history("point 2", X[:, 1])]),
+    **{f"{name} and {axis}":
+        ({axis: F, name: H, "quantity": "mobility", "coherence": np.abs(H) / 9, "navg": 5.0},
+        [frf(f"output {i + 1}", "input 1", H[:, i], quantity="mobility", coherence=np.abs(H[:, i]) / 9, averages=5)
+        for i in range(3)]) for axis, name in
+        (("frequency_hz", "FRF"), ("frequency", "H"), ("freq", "h"), ("f", "frf"), ("Freqs", "H"))},
     "H and f": ({"H": V, "f": F}, ONE),
     "H1 and freq": ({"H1": column(V), "freq": column(F)}, ONE),
     "H2 and Freq": ({"H2": H, "Freq": column(F)}, MANY),
@@ -180,6 +185,13 @@ FILES = {
     "lines in an outer struct": ({"f": F, "tip": {"H": V}}, ONE),
     "structs in structs":
         ({"a": {"b": {"c": {"H": V, "freq": F, "unit": "mm/N"}}}}, [frf("output 1", "input 1", V / 1000)]),
+    "a unit that all have":
+        ({"H": V, "f": F, "unit": "g/N"}, [frf("output 1", "input 1", G * V, unit="g/N", quantity="accelerance",
+        notes=(*NUMBERED, "g/N converted to (m/s^2)/N"))]),
+    "labels in a struct":
+        ({"test": {"f": F, "H": H, "outputs": ["tip", "mid", "root"], "quantity": "receptance"}, "other": np.eye(3)},
+        [frf("tip", "input 1", where="variable 'test.H', 'tip' over 'input 1'"), frf("mid", "input 1", H[:, 1]),
+        frf("root", "input 1", H[:, 2])], WITH_LISTS),
     "three dimensions":
         ({"frf": H.reshape(8, 3, 1), "frequency_hz": F, "outputs": np.array(["a", "b", "c"])},
         [frf(name, "input 1", H[:, i]) for i, name in enumerate("abc")], ("npz", "mat")),
@@ -210,6 +222,15 @@ FILES = {
         ({"dt": 1 / 256, "input": X[:, 0], "output": X[:, 1]}, [history("output", X[:, 1]), history("input", X[:, 0])]),
     "time in ms": ({"time_ms": 1000 * T, "x": X[:, 0]}, [history("x", X[:, 0])]),
     "hits with instants": ({"t": T, "force": X}, [history("force", X[:, 0], hit=1), history("force", X[:, 1], hit=2)]),
+    "hits of two sensors":
+        ({"fs": 256.0, "acceleration": X, "force": -X},
+        [history(name, sign * X[:, i], quantity=name, hit=i + 1)
+        for name, sign in (("force", -1), ("acceleration", 1)) for i in range(2)]),
+    "samples with units and instants":
+        ({"t": T, "samples": np.column_stack([X, X[:, 0]]), "units": ["lbf", "g", "V"]},
+        [history("channel 1", 4.4482216152605 * X[:, 0], quantity="force", unit="lbf"),
+        history("channel 2", G * X[:, 1], quantity="acceleration", unit="g"),
+        history("channel 3", X[:, 0], quantity="unknown", unit="V")]),
     "array of structs": ({"run": ELEMENTS}, [frf(f"P{i + 1}", "input 1", H[:, i]) for i in range(3)], WITH_LISTS),
     "cells of structs":
         ({"run": [*ELEMENTS[:2], "end"]}, [frf(f"P{i + 1}", "input 1", H[:, i]) for i in range(2)], WITH_LISTS),

@@ -9,7 +9,6 @@ import pytest
 import scipy.io
 
 from tests.vibrecords.array_trees import WRITERS
-from tests.vibrecords.reading import records_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import array_files, iter_records, read_frf
 from vibrecords.formats.array_files import read_arrays
@@ -31,18 +30,6 @@ def save(request):
     return saver(request.param)
 
 
-@pytest.mark.parametrize(
-    ("frequency", "name"), [("frequency_hz", "FRF"), ("frequency", "H"), ("freq", "h"), ("f", "frf"), ("Freqs", "H")]
-)
-def test_usual_names_are_known(tmp_path, save, frequency, name):
-    save(tmp_path / "a", **{frequency: LINES, name: H, "quantity": "mobility", "coherence": np.abs(H) / 9, "navg": 5})
-    frf = read_frf(tmp_path / "a")
-    np.testing.assert_array_equal(frf.values, H)
-    np.testing.assert_array_equal(frf.frequency_hz, LINES)
-    np.testing.assert_array_equal(frf.coherence, np.abs(H) / 9)
-    assert (frf.outputs, frf.averages) == (("output 1", "output 2", "output 3"), 5)
-
-
 @pytest.mark.parametrize(("shape", "labels"), [
     (H, {}),
     (np.moveaxis(H, 0, -1), {}),
@@ -58,42 +45,6 @@ def test_usual_shapes_are_known(tmp_path, save, shape, labels):
     expected = H[:, :1, :] if labels else H[:, : frf.values.shape[1], : frf.values.shape[2]]
     np.testing.assert_array_equal(frf.values, expected)
     assert frf.values.size == shape.size
-
-
-def test_units_are_applied_and_kept_as_written(tmp_path, save):
-    save(tmp_path / "a", frequency_hz=LINES, frf=H, unit="g/N")
-    first = next(iter_records(tmp_path / "a"))
-    np.testing.assert_allclose(first.values, 9.80665 * H[:, 0, 0], rtol=1e-15)
-    assert (first.unit, first.quantity) == ("g/N", "accelerance")
-    assert first.notes[0] == "no outputs named in the file, numbered instead"
-    assert "g/N converted to (m/s^2)/N" in first.notes
-
-
-def test_hammer_records_as_matrices_of_hits(tmp_path, save):
-    save(tmp_path / "a", fs=2000.0, force=np.abs(H[:, :, 0]), acceleration=np.abs(H[:, :, 1]))
-    found = list(iter_records(tmp_path / "a"))
-    assert [(r.channel, r.quantity, r.hit) for r in found] == [
-        (c, c, k) for c in ("force", "acceleration") for k in (1, 2, 3)
-    ]
-    np.testing.assert_array_equal(found[4].values, np.abs(H[:, 1, 1]))
-
-
-def test_samples_with_units_and_instants(tmp_path, save):
-    units = ["lbf", "g", "V"]
-    save(tmp_path / "a", t=np.arange(4) / 500, samples=np.abs(H[:, :, 0]), units=units)
-    found = list(iter_records(tmp_path / "a"))
-    assert [(r.channel, r.quantity, r.unit) for r in found] == [
-        ("channel 1", "force", "lbf"), ("channel 2", "acceleration", "g"), ("channel 3", "unknown", "V")
-    ]  # fmt: skip
-    assert found[0].sample_rate_hz == pytest.approx(500)
-    np.testing.assert_allclose(found[1].values, 9.80665 * np.abs(H[:, 1, 0]), rtol=1e-15)
-
-
-def test_structs_of_matlab_are_blocks(tmp_path):
-    test = {"frequency": LINES, "H": H[:, :, :1], "outputs": ["tip", "mid", "root"], "quantity": "receptance"}
-    found = records_of(tmp_path / "a", {"test": test, "other": np.eye(3)})
-    assert [r.response for r in found] == ["tip", "mid", "root"]
-    assert found[0].where == "variable 'test.H', 'tip' over 'input 1'"
 
 
 def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):

@@ -20,6 +20,7 @@ FRF, REST = "Frequency [Hz],Real [g/N],Imag [g/N]\n", rows(F, H.real, H.imag)
 #: Files that can be read in two ways: what the one line says. The key that decides is named where there is one.
 TWO_WAYS = {
     "steps between those of time and frequency": (rows(0.02 * np.arange(16), A, B), 'axis = "time"'),
+    "a phase without unit": ("f,Mobility magnitude,Mobility phase\n" + rows(F, M, np.angle(H)), "phase without unit"),
     "small steps that begin above 0": (rows(5 + 0.005 * np.arange(16), A, B), "lines up to 5.075 Hz"),
     "a name that says neither": ("Abscissa,Real,Imag\n" + rows(0.05 * np.arange(16), A, B),
         "'Abscissa': found numbers"),
@@ -178,6 +179,8 @@ BROKEN = {
         "expected decibels over a number"),
     "averages in words": ("# averages: many\n" + FRF + REST, "found averages 'many'; expected whole numbers"),
     "averages of two": ("# averages: 5, 6\n" + FRF + REST, "found 2 numbers of averages; expected 1 or 1"),
+    "averages beyond all":
+        ("# averages: 1000000000\n" + FRF + REST, "averages '1000000000'; expected whole numbers from 1 to 1000000"),
     "uneven instants": (cut(TIME, "\n0.0009765625", "\n0.0012"), "instants that are not evenly spaced"),
     "an instant twice": ("t [s],F [N]\n0,1\n0,2\n0,3\n", "instants that are not evenly spaced"),
     "one instant": ("t [s],F [N]\n0,1\n", "fewer than two; expected one sampling rate"),

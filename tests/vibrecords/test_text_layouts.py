@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.vibrecords.reading import records_of, require
+from vibrecords.formats.table_text import column_of
 from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
 
 RNG = np.random.default_rng(22)
@@ -18,7 +19,7 @@ H2 = RNG.normal(size=12) + 1j * RNG.normal(size=12)
 G2 = RNG.uniform(0.5, 1, 12)
 T = np.arange(16) / 2048
 A, B, C = RNG.normal(size=(3, 16))
-G = 9.80665
+G, LBF = 9.80665, 4.4482216152605
 
 
 def rows(*columns, delimiter=",", decimal=".", end="\n", digits=None):
@@ -77,7 +78,9 @@ TABLES = {
     "CutPro":
         (rows(F[:1], H.real[:1], H.imag[:1], delimiter="\t", end="\tFreq\tHz\tReal\tm/N\tImag\tReal\t\n") + rows(F[1:],
         H.real[1:], H.imag[1:], delimiter="\t", end="\t\n"), [frf(quantity="receptance")]),
-    "CutPro, numbers alone": (rows(F, H.real, H.imag, delimiter="\t"), [frf("output 1")]),
+    "CutPro, numbers alone":
+        (rows(F, H.real, H.imag, delimiter="\t"), [frf("output 1") | {"notes": (
+        "no name: column 1 taken as frequency in Hz, since it goes from 20 in steps of 2.5",)}]),
     # pyqtgraph, exporters/CSVExporter: (x,y) per plot
     "pyqtgraph": ("x0000,y0000\n" + rows(T, A, delimiter=", ", end=",\n"), [time("y0000", A)]),
     "pyqtgraph with names": (
@@ -211,6 +214,34 @@ TABLES = {
     "power spectral density":
         ("Frequency (Hz),Tip (g²/Hz),PSD hammer (N^2/Hz)\n" + rows(F, G2, M),
         [spectrum("Tip", G2, "spectrum"), spectrum("PSD hammer", M, "PSD")]),
+    "blanks between columns, decimal commas":
+        ("f/Hz   Re   Im\n" + rows(F, H.real, H.imag, delimiter="   ", decimal=","), [frf()]),
+    **{f"magnitude and phase in {unit}":
+        (f"Freq (Hz),Magnitude A / B (g/N),Phase A / B ({unit})\n" + rows(F, M, phase),
+        [frf("A", "B", G * H, factor=G, **ACC) | {"unit": "g/N", "notes": ("g/N converted to (m/s^2)/N",)}])
+        for unit, phase in (("deg", P), ("°", P), ("rad", np.angle(H)))},
+    "decibels over a unit":
+        ("Frequency [Hz],Magnitude A / B [dB re 1 (mm/s)/N],Phase A / B [deg]\n" + rows(F, 20 * np.log10(M), P),
+        [frf("A", "B", 1e-3 * H, "mobility", 1e-3) | {"notes": (
+        "decibels taken as 20 log10 of the magnitude over 1 (mm/s)/N", "(mm/s)/N converted to (m/s)/N")}]),
+    "a phase without unit that passes 4π":
+        ("Frequency,Mobility magnitude,Mobility phase\n" + rows(F, M, P), [frf(quantity="mobility")]),
+    **{header: (f"{header},Real A / B [m/N],Imag A / B [m/N]\n" + rows(2 * np.pi * F, H.real, H.imag),
+        [frf("A", "B", quantity="receptance") | {"notes": ("frequency in rad/s converted to Hz",)}])
+        for header in ("Frequency [rad/s]", "omega", "Omega [rad/s]", "f [rad/s]")},
+    "several FRFs with coherence in any order":
+        ("# averages: 9, 4\n% quantity: receptance\nFrequency [Hz],Coherence A / C,real B / C [m/N],real A / C [m/N],"
+        "imag A / C [m/N],imag B / C [m/N]\n" + rows(F, G2, H.imag, H.real, H.imag, H.real),
+        [frf("A", "C", H, "receptance", coherence=G2) | {"averages": 9, "where": "columns 2, 4 and 5"},
+        frf("B", "C", H.imag + 1j * H.real, "receptance") | {"averages": 4}]),
+    "lines above the header and delimiters at the end":
+        ("Project 12,\nmeasured by somebody, on Monday,\n,\nf [Hz],Re,Im,\n" + rows(F, H.real, H.imag, end=",\n"),
+        [frf()]),
+    "time in ms, a hit, an unknown unit":
+        ("Time (ms),Hammer [lbf],acc tip hit 2 [g],strange [V]\n" + rows(1e3 * T, A, B, C),
+        [time("Hammer", LBF * A, "force", LBF), time("acc tip", G * B, "acceleration", G, hit=2),
+        time("strange", C, factor=None) | {"notes": (
+        "unit 'V' is that of no force or motion, values left as written",)}]),
     "one sensor over frequency": ("Frequency (Hz),Tip (g)\n" + rows(F, M), [spectrum("Tip", M, "spectrum")]),
 }  # fmt: skip
 
@@ -219,3 +250,38 @@ TABLES = {
 def test_tables(tmp_path, name):
     content, expected = TABLES[name]
     require(read(tmp_path, content), expected)
+
+
+@pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
+def test_delimiters_decimal_signs_line_ends_and_encodings(tmp_path, delimiter, decimal, end, encoding):
+    header = delimiter.join(["Frequency [Hz]", "Real 1:Z+ / 2:Z+ [m/s²/N]", "Imag 1:Z+ / 2:Z+ [m/s²/N]"])
+    text = header + end + rows(F, H.real, H.imag, delimiter=delimiter, decimal=decimal, end=end)
+    (record,) = read(tmp_path, text.encode(encoding))
+    require([record], [frf("1:Z+", "2:Z+", **ACC) | {"unit": "m/s²/N"}])
+    np.testing.assert_array_equal(record.frequency_hz, F)
+    np.testing.assert_array_equal(record.values, H)
+
+
+@pytest.mark.parametrize(("real", "imaginary"), [("Real", "Imag A / B"), ("Magnitude", "Phase A / B [deg]")])
+def test_infinite_and_huge_numbers_stay_without_a_warning(tmp_path, real, imaginary):
+    columns = rows(F[:4], [np.inf, 1e308, np.nan, 1.0], [1.0, 2.0, 3.0, np.inf])
+    (record,) = read(tmp_path, f"Frequency [Hz],{real} A / B [g/N],{imaginary}\n{columns}")
+    assert not np.isfinite(record.values).any()
+    if real == "Real":
+        np.testing.assert_allclose(record.values.imag[:3], [G, 2 * G, 3 * G])
+
+
+@pytest.mark.parametrize(("header", "role", "name"), [
+    ("force [N]", "other", "force"),
+    ("F1 [N]", "other", "F1"),
+    ("Frequenz (Hz)", "frequency", ""),
+    ("11:y / 11:y real", "real", "11:y / 11:y"),
+    ("RE_11", "other", "RE_11"),
+    ("Inertance 1:x imag. part", "imaginary", "1:x"),
+    ("gamma2 1 / 2", "coherence", "1 / 2"),
+    ("temperature", "other", "temperature"),
+])  # fmt: skip
+def test_roles_of_columns(header, role, name):
+    assert (column_of(header).role, column_of(header).name) == (role, name)
