@@ -120,9 +120,7 @@ def _read_npz(path: Path, most: int, _matrix: MatrixOf) -> Block:
 
 def write_npz(blocks: dict[str, Block], path: Path) -> None:
     """Write blocks of named arrays; exact, uncompressed."""
-    arrays = {
-        f"{name}/{key}" if name else key: np.asarray(v) for name, block in blocks.items() for key, v in block.items()
-    }
+    arrays = {f"{name}/{k}".lstrip("/"): np.asarray(v) for name, block in blocks.items() for k, v in block.items()}
     with path.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
     with zipfile.ZipFile(path, "a") as archive:
@@ -138,10 +136,7 @@ def write_matlab(blocks: dict[str, Block], path: Path) -> None:
 
     variables: Block = {}
     for name, block in blocks.items():
-        cells = {
-            key: np.array(value, dtype=object)[:, None] if isinstance(value, list) else value
-            for key, value in block.items()
-        }
+        cells = {k: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v for k, v in block.items()}
         variables |= {name: cells} if name else cells
     savemat(str(path), variables, appendmat=False, oned_as="column")
     with path.open("r+b") as raw:

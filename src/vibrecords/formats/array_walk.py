@@ -5,7 +5,7 @@ What one struct or group holds is FRFs, coherences, spectra or modes.
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, cast, get_args
@@ -64,9 +64,8 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
     placed = {*pairs.values()}
     for name in (name for name in coherences if name not in placed):
         alone = not frfs and len(coherences) == 1
-        for labels, lines, values, where, notes in _columns_of_frf(
-            block, _Values(name, block.numbers(name)), alone=alone
-        ):
+        given = _Values(name, block.numbers(name))
+        for labels, lines, values, where, notes in _columns_of_frf(block, given, alone=alone):
             yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
     for name in block.named("spectrum"):
         array = block.numbers(name, np.complex128)
@@ -347,7 +346,7 @@ def _mode_names(block: Block) -> dict[str, str]:
     """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
     keys = {"fn_std": "fn_std", "xi_std": "xi_std", **{name: key for name, (key, _) in _MODES.items()}}
     found = {name: next((n for n in (key, name) if size_of(block.get(n))), "") for name, key in keys.items()}
-    alike = {name: [n for n in block.arrays if re.search(its, n, re.I)] for name, (_, its) in _MODES.items()}
+    alike = {name: [n for n in block.arrays if re.search(f"(?i){its}", n)] for name, (_, its) in _MODES.items()}
     alike |= {name: [found[name]] for name in _MODES if found[name]}
     alike["fn"] = alike["fn"] or block.named("frequency", 1)
     if len(alike["fn"]) == 1 and not block.named("frf"):
@@ -429,7 +428,7 @@ _MOST_MODES = 200
 _KINDS = (("coherence", "coh"), ("spectrum", "spectr|psd|fft|power|cross"), ("frf", "frf|transfer|frequency ?response"))
 
 
-def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: str) -> Iterator[Record]:
+def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: str) -> Generator[Record, None, None]:
     """Records of a tree of arrays.
 
     Parameters

@@ -206,9 +206,8 @@ def groups_of(
         raise MeasurementError(
             f"header: found {describe(columns)}; expected frequency or time, and what was measured; name the columns"
         )
-    pairs = [
-        _XY.fullmatch(f"{columns[i].header} {columns[k].header}") for i, k in zip(used[::2], used[1::2], strict=False)
-    ]
+    names = [columns[i].header for i in used]
+    pairs = [_XY.fullmatch(f"{x} {y}") for x, y in zip(names[::2], names[1::2], strict=False)]
     if pairs and all(pairs) and len(used) == 2 * len(pairs):
         axes = used[::2]
         columns[:] = [replace(c, role="other", name=c.header) for c in columns]

@@ -62,7 +62,7 @@ AXIS_TYPES: dict[SensorQuantity, int] = {
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
 #: Function, version and degrees of freedom, columns apart by blanks: whatever the widths of columns, it is read alike.
-_DOFS = re.compile(r"(\d+)\s+\d+\s+(\d+)\s+\d+" + r"\s+(\S+)\s+(\d{1,9})\s+([+-]?\d+)" * 2)
+_DOFS = re.compile(r"(\d+)\s+\d+\s+\d+\s+\d+" + r"\s+(\S+)\s+(\d{1,9})\s+([+-]?\d+)" * 2)
 _MORE_ID_LINES = 5
 #: No FRF has more values, and no count beyond it is worth a multiplication.
 _MOST_VALUES = 10**10
@@ -78,10 +78,9 @@ class LineError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Specific data type (8 displacement, 11 velocity, 12 acceleration, 13 force, 18 frequency, …) and labels."""
+    """Specific data type (8 displacement, 11 velocity, 12 acceleration, 13 force, 18 frequency, …) and unit."""
 
     kind: int
-    label: str
     unit: str
 
 
@@ -95,8 +94,6 @@ class FunctionHeader:
         The five ID lines.
     function
         1 time response, 4 frequency response, 6 coherence and so on.
-    version
-        Version or sequence number.
     response, reference
         Degrees of freedom.
     ordinate
@@ -117,7 +114,6 @@ class FunctionHeader:
 
     ids: tuple[str, ...]
     function: int
-    version: int
     response: Dof
     reference: Dof
     ordinate: int
@@ -171,11 +167,11 @@ def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
         If a field is no number or impossible.
     """
     loose = _DOFS.fullmatch(lines[5].strip())
-    columns = ((0, 5), (15, 20), (41, 51), (51, 55), (66, 76), (76, 80))
-    dof = [int(loose[i]) for i in (1, 2, 4, 5, 7, 8)] if loose else _fields(lines, 5, columns)
-    if any(abs(direction) > 6 for direction in (dof[3], dof[5])):
-        raise LineError(5, f"found directions {dof[3]} and {dof[5]}; expected -6 to 6; export it again")
-    entities = (loose[3], loose[6]) if loose else (lines[5][30:41], lines[5][55:66])
+    columns = ((0, 5), (41, 51), (51, 55), (66, 76), (76, 80))
+    function, *dof = [int(loose[i]) for i in (1, 3, 4, 6, 7)] if loose else _fields(lines, 5, columns)
+    if any(abs(direction) > 6 for direction in dof[1::2]):
+        raise LineError(5, f"found directions {dof[1]} and {dof[3]}; expected -6 to 6; export it again")
+    entities = (loose[2], loose[5]) if loose else (lines[5][30:41], lines[5][55:66])
     form = _fields(lines, 6, ((0, 10), (10, 20), (20, 30)))
     minimum, increment = _real(lines, 6, 30, 43), _real(lines, 6, 43, 56)
     ordinate, count, spacing = form
@@ -188,10 +184,10 @@ def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
     if spacing == 1 and not (math.isfinite(minimum) and math.isfinite(increment) and increment > 0) and count > 1:
         raise LineError(6, f"found abscissa increment {increment:g}; expected it above 0; export it again")
     ids = tuple(line.strip() for line in lines[:5])
-    dofs = Dof(_entity(entities[0]), dof[2], dof[3]), Dof(_entity(entities[1]), dof[4], dof[5])
+    dofs = Dof(_entity(entities[0]), dof[0], dof[1]), Dof(_entity(entities[1]), dof[2], dof[3])
     axes = _axis(lines, 7), _axis(lines, 8), _axis(lines, 9)
     even, (order, size) = spacing == 1, _binary(binary)
-    return FunctionHeader(ids, dof[0], dof[1], *dofs, ordinate, count, even, minimum, increment, *axes, order, size)
+    return FunctionHeader(ids, function, *dofs, ordinate, count, even, minimum, increment, *axes, order, size)
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
@@ -214,12 +210,12 @@ def _real(lines: list[str], line: int, first: int, last: int) -> float:
 
 def _axis(lines: list[str], line: int) -> Axis:
     text, (kind,) = lines[line], _fields(lines, line, ((0, 10),))
-    label, unit = text[26:46], text[47:67]
-    if text[46:47].strip():  # longer than its columns: the unit is what comes last
-        label, _, unit = text[26:].rstrip().rpartition(" ")
+    unit = text[47:67]
+    if text[46:47].strip():  # the name is longer than its columns: the unit is what comes last
+        unit = text[26:].rstrip().rpartition(" ")[2]
     elif unit[19:].strip():
         unit += text[67:].partition(" ")[0]
-    return Axis(kind, _entity(label), _entity(unit))
+    return Axis(kind, _entity(unit))
 
 
 def _entity(text: str) -> str:
