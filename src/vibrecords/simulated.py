@@ -7,7 +7,7 @@ import numpy as np
 from scipy import fft
 
 from vibrecords.arrays import Array, ComplexArray, Quantity
-from vibrecords.formats.units import MOTION_OF, si_sensor_unit
+from vibrecords.formats.units import MOTION_OF, SI_SENSOR
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import TimeRecord
 from vibrecords.variance import NoiseLaw
@@ -114,7 +114,7 @@ class Rig:
         rate, motion, where = self.sample_rate_hz, MOTION_OF[self.quantity], "virtual test"
         yield TimeRecord(channel_label(input_), rate, force, "force", "N", number, where)
         for output, values in zip(self.outputs, responses, strict=True):
-            yield TimeRecord(channel_label(output), rate, values, motion, si_sensor_unit(motion), number, where)
+            yield TimeRecord(channel_label(output), rate, values, motion, SI_SENSOR[motion], number, where)
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,7 +146,7 @@ def test_a_recording_of_several_hits_gives_the_same_as_its_blocks():
     )
     apart = impact_frf(forces, responses[0], ImpactSettings(f_max_hz=400))
     cut = ImpactSettings(hits=HitSettings(block_s=(BLOCK - 60) / RATE, pretrigger_s=0.008), f_max_hz=400)
-    together = impact_frf(long_force, long_response, cut)
+    together = impact_frf([long_force], [long_response], cut)
     assert together.frf.averages == 3
     at = apart.frf.frequency_hz
     between = np.interp(at[5:-5], together.frf.frequency_hz, np.abs(together.frf.values))
@@ -223,24 +223,23 @@ FORCE = TimeRecord("f", RATE, np.r_[0.0, 0, 5, 9, 5, np.zeros(59)], "force")
 MOTION = TimeRecord("a", RATE, np.random.default_rng(1).standard_normal(64), "acceleration")
 
 REFUSED = {
-    "other estimator": (lambda: impact_frf(FORCE, MOTION, ImpactSettings(estimator="H3")), "'H3'"),
-    "response for force": (lambda: impact_frf(MOTION, MOTION), "found acceleration and acceleration"),
-    "unknown response": (lambda: impact_frf(FORCE, replace(MOTION, quantity="unknown")), "found force and unknown"),
-    "other length": (lambda: impact_frf(FORCE, replace(MOTION, values=np.ones(63))), "64 and 63 samples"),
-    "other rate": (lambda: impact_frf(FORCE, replace(MOTION, sample_rate_hz=1.0)), "4096 and 1 per second"),
-    "NaN": (lambda: impact_frf(FORCE, replace(MOTION, values=np.full(64, np.nan))), "NaN"),
-    "more forces": (lambda: impact_frf([FORCE, FORCE], MOTION), "2 of force and 1 of response"),
-    "no response": (lambda: impact_frfs(FORCE, []), "no response"),
+    "other estimator": (lambda: impact_frf([FORCE], [MOTION], ImpactSettings(estimator="H3")), "'H3'"),
+    "response for force": (lambda: impact_frf([MOTION], [MOTION]), "found acceleration and acceleration"),
+    "unknown response": (lambda: impact_frf([FORCE], [replace(MOTION, quantity="unknown")]), "found force and unknown"),
+    "other length": (lambda: impact_frf([FORCE], [replace(MOTION, values=np.ones(63))]), "64 and 63 samples"),
+    "other rate": (lambda: impact_frf([FORCE], [replace(MOTION, sample_rate_hz=1.0)]), "4096 and 1 per second"),
+    "NaN": (lambda: impact_frf([FORCE], [replace(MOTION, values=np.full(64, np.nan))]), "NaN"),
+    "no response": (lambda: impact_frfs([FORCE], []), "no response"),
     "no hit kept":
-        (lambda: impact_frf(FORCE, MOTION, ImpactSettings(hits=HitSettings(block_s=1.0))),
+        (lambda: impact_frf([FORCE], [MOTION], ImpactSettings(hits=HitSettings(block_s=1.0))),
         "no hit to keep among 1 (hit 1:"),
     "blocks of two lengths":
         (lambda:
         impact_frf([FORCE, replace(FORCE, values=FORCE.values[:32])],
         [MOTION, replace(MOTION, values=MOTION.values[:32])]), "32 to 64 samples"),
-    "empty band": (lambda: impact_frf(FORCE, MOTION, ImpactSettings(f_min_hz=1.0, f_max_hz=2.0)), "no line between"),
-    "silent response": (lambda: impact_frf(FORCE, replace(MOTION, values=np.zeros(64))), "found no response"),
-    "short shaker": (lambda: shaker_frf(FORCE, MOTION, ShakerSettings(1.0)), "records of at most"),
+    "empty band": (lambda: impact_frf([FORCE], [MOTION], ImpactSettings(f_min_hz=1, f_max_hz=2)), "no line between"),
+    "silent response": (lambda: impact_frf([FORCE], [replace(MOTION, values=np.zeros(64))]), "found no response"),
+    "short shaker": (lambda: shaker_frf([FORCE], [MOTION], ShakerSettings(1.0)), "records of at most"),
     "overlap of one": (lambda: ShakerSettings(1.0, overlap=1.0), "overlap of 1"),
     "no force": (lambda: sort_by_force([MOTION]), "no force"),
     "a channel twice": (lambda: sort_by_force([FORCE, MOTION, MOTION]), "'a' twice"),

@@ -573,7 +573,7 @@ def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
     if stated is not None and not abs(stated * unit.factor - 1) < 1e-3:
         return _in_doubt(label, f"factor {stated:g}"), ()  # one of the two is wrong
     kind, sensor = frf_unit(label), known.sensor_unit(label)
-    si_label = known.si_frf_unit(kind[1]) if kind else known.si_sensor_unit(sensor[1]) if sensor else label
+    si_label = known.si_frf_unit(kind[1]) if kind else known.SI_SENSOR[sensor[1]] if sensor else label
     why = "by its factor" if stated is not None else f"by {about!r}"
     return si_label, (f"stored in SI units {why}, the label {label} is for display: not converted",)
 

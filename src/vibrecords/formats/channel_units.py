@@ -5,7 +5,7 @@ from typing import get_args
 
 from vibrecords.arrays import Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.units import MOTION_OF, frf_unit, parse_unit, scaled, sensor_unit, si_sensor_unit
+from vibrecords.formats.units import MOTION_OF, SI_SENSOR, frf_unit, parse_unit, scaled, sensor_unit
 from vibrecords.records import FrfRecord, TimeRecord
 
 _EXAMPLE = 'write for example { dof = "11:y", unit = "g" } in [data.channels]'
@@ -162,5 +162,5 @@ def _note(label: str, unit: str, stated: ChannelUnit, quantity: SensorQuantity |
         return []
     volts = f", {stated.sensitivity:g} V for each" if stated.sensitivity else ""
     of_file = f" in place of the file's {unit}" if unit and unit != stated.unit else ""
-    words = f"{stated.unit or si_sensor_unit(quantity or 'unknown') or 'no unit'}{volts}{of_file}"
+    words = f"{stated.unit or SI_SENSOR[quantity or 'unknown'] or 'no unit'}{volts}{of_file}"
     return [f"channel {label} taken as {quantity or 'unknown'} in {words}, as the case states"]

@@ -234,8 +234,11 @@ _NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
 _HEADER = 20
 
 
-def _header(head: bytes) -> tuple[str, int, tuple[int, int], bool, int] | None:
-    """Type of the numbers, kind, shape, whether complex, length of the name; None of another file."""
+def matlab_4_header(head: bytes) -> tuple[str, int, tuple[int, int], bool, int] | None:
+    """Type of the numbers, kind, shape, whether complex, length of the name; None of another file.
+
+    A file begins with a matrix: the format has no other mark.
+    """
     for order, machine in (("<", 0), (">", 1000)):
         kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head[:_HEADER].ljust(_HEADER, b"\xff"))
         digits, kind = divmod(kind - machine, 10)
@@ -245,17 +248,12 @@ def _header(head: bytes) -> tuple[str, int, tuple[int, int], bool, int] | None:
     return None
 
 
-def is_matlab_4(head: bytes) -> bool:
-    """Whether a file begins with a matrix: the format has no other mark."""
-    return _header(head) is not None
-
-
 def read_matlab_4(path: Path, _most: int, _matrix: MatrixOf) -> Block:
     """All variables of a file; sparse ones are named and not read."""
     variables: Block = {}
     content, at = path.read_bytes(), 0
     while at < len(content):
-        header = _header(content[at : at + _HEADER + 64])
+        header = matlab_4_header(content[at : at + _HEADER + 64])
         if header is None:
             raise ValueError(f"no matrix at byte {at}")
         numbers, kind, shape, is_complex, length = header

@@ -15,7 +15,7 @@ from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
-from vibrecords.formats.matlab_5 import is_matlab_4
+from vibrecords.formats.matlab_5 import matlab_4_header
 from vibrecords.formats.table import records_of_tables
 from vibrecords.formats.table_text import read_text_table, text_lines
 from vibrecords.formats.tdms import read_tdms
@@ -88,7 +88,7 @@ def _head(path: Path) -> bytes:
 
 
 def _binary_format(path: Path, head: bytes) -> str | None:
-    if is_matlab_4(head):
+    if matlab_4_header(head):
         return "mat4"
     if head.startswith(_HDF5) or any(head[at : at + 8] == _HDF5 for at in (512, 1024, 2048)):
         return "hdf5"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.uff_data_sets import AXIS_TYPES, NORMAL_MODES
-from vibrecords.formats.units import MOTION_OF, si_sensor_unit
+from vibrecords.formats.units import MOTION_OF, SI_SENSOR
 from vibrecords.records import Dof, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, dof_label, parse_dof
 
 #: Type of the data set of remarks: one that the format leaves to users.
@@ -95,7 +95,7 @@ def _functions(record: Record) -> Iterator[_Function]:
 
 
 def _axis(quantity: SensorQuantity) -> tuple[int, str]:
-    return AXIS_TYPES[quantity], si_sensor_unit(quantity)
+    return AXIS_TYPES[quantity], SI_SENSOR[quantity]
 
 
 def _write_function(file: BinaryIO, function: _Function, binary: bool) -> None:

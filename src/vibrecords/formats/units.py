@@ -74,7 +74,8 @@ MOTION_OF: dict[Quantity, SensorQuantity] = {
     "mobility": "velocity",
     "accelerance": "acceleration",
 }
-_SI_SENSOR = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "unknown": ""}
+#: Label of the SI unit that the values of a time record have.
+SI_SENSOR = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "unknown": ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +214,7 @@ def read_sensor_unit(label: str) -> tuple[float | None, SensorQuantity | None, l
     """The same for the unit of a time history."""
     if parse_unit(label) is not None and sensor_unit(label) is None:
         return None, None, [f"unit {label!r} is that of no force or motion, values left as written"]
-    return _read(label, sensor_unit(label), si_sensor_unit)
+    return _read(label, sensor_unit(label), SI_SENSOR.__getitem__)
 
 
 def _read(
@@ -252,11 +253,6 @@ def in_hz(lines: NDArray[np.float64], unit: str, where: str, remedy: str) -> tup
         raise MeasurementError(f"{where}: found the unit {unit!r}; expected Hz or rad/s; {remedy}")
     with np.errstate(over="ignore"):
         return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
-
-
-def si_sensor_unit(quantity: SensorQuantity) -> str:
-    """Label of the SI unit that the values of a time record have."""
-    return _SI_SENSOR[quantity]
 
 
 def si_frf_unit(quantity: Quantity | None) -> str:

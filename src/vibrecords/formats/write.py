@@ -13,7 +13,7 @@ from vibrecords.errors import MeasurementError, WriteError, require_one_of
 from vibrecords.files import whole_file
 from vibrecords.formats.array_files import write_hdf5, write_matlab, write_npz
 from vibrecords.formats.uff_write import write_uff
-from vibrecords.formats.units import si_frf_unit, si_sensor_unit
+from vibrecords.formats.units import SI_SENSOR, si_frf_unit
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import FrfRecord, Record, SpectrumRecord, TimeRecord
@@ -142,7 +142,7 @@ def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
         "samples": np.array([r.values for r in group]).T,
         "channels": [r.channel for r in group],
         "quantities": [r.quantity for r in group],
-        "units": [si_sensor_unit(r.quantity) or " " for r in group],
+        "units": [SI_SENSOR[r.quantity] or " " for r in group],
         "hits": np.array([float(r.hit or 0) for r in group]),
     }
 
@@ -174,7 +174,7 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
             "table: found time histories of different rates or lengths; expected one time axis; write uff58 or hdf5"
         )
     labels = (r.channel if r.hit is None else f"{r.channel} hit {r.hit}" for r in times)
-    names = [f"{label} [{si_sensor_unit(r.quantity)}]" for label, r in zip(labels, times, strict=True)]
+    names = [f"{label} [{SI_SENSOR[r.quantity]}]" for label, r in zip(labels, times, strict=True)]
     columns = [np.arange(size) / rate, *(r.values for r in times)]
     return ["time [s]", *names], columns, {"sample_rate_hz": repr(float(rate))}
 

@@ -15,8 +15,6 @@ from vibrecords.signals import spectra, windows
 from vibrecords.signals.hits import Hit, HitSettings, find_hits, hits_of, reject_overloads
 from vibrecords.signals.spectra import ImpactSettings
 
-Records = TimeRecord | Sequence[TimeRecord]
-
 
 @dataclass(frozen=True, slots=True)
 class ImpactResult:
@@ -39,7 +37,7 @@ class ImpactResult:
 
 
 def impact_frfs(
-    force: Records, responses: Sequence[Records], settings: ImpactSettings | None = None
+    forces: Sequence[TimeRecord], responses: Sequence[Sequence[TimeRecord]], settings: ImpactSettings | None = None
 ) -> tuple[ImpactResult, ...]:
     """FRFs of several responses to the same hits, in the order of the responses.
 
@@ -47,7 +45,7 @@ def impact_frfs(
 
     Parameters
     ----------
-    force, responses
+    forces, responses
         One record or several, the first record of a response belonging to the first force and so on; each the block of
         one hit, or a recording of several hits, as ``settings.hits.block_s`` says.
     settings
@@ -61,11 +59,10 @@ def impact_frfs(
     chosen = settings or ImpactSettings()
     if not responses:
         raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
-    together = [spectra.pair_records(force, response) for response in responses]
-    forces = [x for x, _ in together[0]]
+    together = [spectra.pair_records(forces, response) for response in responses]
     hits = find_hits(forces, chosen.hits)
-    for pairs in together:
-        hits = reject_overloads(hits, [y for _, y in pairs], chosen.hits)
+    for response in responses:
+        hits = reject_overloads(hits, response, chosen.hits)
     if not any(hit.kept for hit in hits):
         reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
         raise MeasurementError(

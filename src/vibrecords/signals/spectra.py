@@ -183,14 +183,12 @@ class ShakerResult:
     effective_averages: float
 
 
-def shaker_frf(
-    force: TimeRecord | Sequence[TimeRecord], response: TimeRecord | Sequence[TimeRecord], settings: ShakerSettings
-) -> ShakerResult:
+def shaker_frf(forces: Sequence[TimeRecord], responses: Sequence[TimeRecord], settings: ShakerSettings) -> ShakerResult:
     """FRF from records of a shaker's force and of one response, by overlapping windowed blocks (Welch).
 
     Parameters
     ----------
-    force, response
+    forces, responses
         One record or several, the first response belonging to the first force and so on.
     settings
         Blocks, window and estimator.
@@ -210,7 +208,7 @@ def shaker_frf(
     Welch, P. D. (1967). The use of fast Fourier transform for the estimation of power spectra. IEEE Transactions on
     Audio and Electroacoustics 15(2), 70-73. DOI 10.1109/TAU.1967.1161901
     """
-    pairs = pair_records(force, response)
+    pairs = pair_records(forces, responses)
     rate = pairs[0][0].sample_rate_hz
     samples = round(settings.block_s * rate)
     hop = max(round(samples * (1 - settings.overlap)), 1)
@@ -266,23 +264,14 @@ def kept_lines(
     return every[kept], kept
 
 
-def pair_records(
-    force: TimeRecord | Sequence[TimeRecord], response: TimeRecord | Sequence[TimeRecord]
-) -> list[tuple[TimeRecord, TimeRecord]]:
-    """Records of force and response in pairs, of which an FRF can be made.
+def pair_records(forces: Sequence[TimeRecord], responses: Sequence[TimeRecord]) -> list[tuple[TimeRecord, TimeRecord]]:
+    """Records of force and response, as many of both, in pairs of which an FRF can be made.
 
     Raises
     ------
     MeasurementError
-        If they differ in number, length or sample rate, hold NaN or infinity, or are not a force and a motion.
+        If they differ in length or sample rate, hold NaN or infinity, or are not a force and a motion.
     """
-    forces = [force] if isinstance(force, TimeRecord) else list(force)
-    responses = [response] if isinstance(response, TimeRecord) else list(response)
-    if not forces or len(forces) != len(responses):
-        raise MeasurementError(
-            f"time records: found {len(forces)} of force and {len(responses)} of response; expected as many of both "
-            "and at least one; leave out what has no partner"
-        )
     pairs = list(zip(forces, responses, strict=True))
     rate = forces[0].sample_rate_hz
     for x, y in pairs:
