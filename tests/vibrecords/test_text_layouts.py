@@ -237,6 +237,8 @@ TABLES = {
     "lines above the header and delimiters at the end":
         ("Project 12,\nmeasured by somebody, on Monday,\n,\nf [Hz],Re,Im,\n" + rows(F, H.real, H.imag, end=",\n"),
         [frf()]),
+    "an increment without a start":
+        ("# increment: 5\nx,Real,Imag\n" + rows(F, H.real, H.imag), [frf()]),
     "time in ms, a hit, an unknown unit":
         ("Time (ms),Hammer [lbf],acc tip hit 2 [g],strange [V]\n" + rows(1e3 * T, A, B, C),
         [time("Hammer", LBF * A, "force", LBF), time("acc tip", G * B, "acceleration", G, hit=2),

@@ -434,11 +434,10 @@ def read_text_table(lines: Lines) -> ColumnTable:
         header = tuple(part + name for name, of_name in zip(names, parts, strict=True) for part in of_name)
         values = np.delete(values, 1, axis=1) if 0 in pairs else values
     columns = [column_of(name) for name in header]
-    if columns[0].header.lower() in ("x", "sequence") and "increment" in comments:  # of an oscilloscope
-        start, step = (float_of(comments[key]) for key in ("start", "increment"))
-        if start is not None and step is not None:
-            values[:, 0] = start + step * values[:, 0]
-            columns[0] = Column("time", "", "s")
+    start, step = (float_of(comments.get(key, "")) for key in ("start", "increment"))  # of an oscilloscope
+    if columns[0].header.lower() in ("x", "sequence") and start is not None and step is not None:
+        values[:, 0] = start + step * values[:, 0]
+        columns[0] = Column("time", "", "s")
     unit = comments.get("vertical units", "")
     if unit and not any(column.unit for column in columns[1:]):
         columns[1:] = [replace(column, unit=unit) for column in columns[1:]]
