@@ -33,3 +33,15 @@ def check_coordinates(coordinates, theta, rtol=1e-7, of_volume=1e-5):
     assert_allclose(back, theta, rtol=rtol, atol=rtol)
     slopes = np.moveaxis(differences(lambda at: coordinates.inverse(at)[0], phi), 0, -1)
     assert_allclose(coordinates.log_volume(theta), np.linalg.slogdet(slopes)[1], atol=of_volume)
+
+
+def check_density(density, theta, rtol=1e-5, step=1e-4):
+    """Hold a log posterior at a point: its gradient, and the Jacobian of residuals e, with ln p = constant − eᵀe/2."""
+    gradient, (residual, jacobian) = density.gradient(theta), density.residuals(theta)
+    slope, columns = (
+        (4 * differences(of, theta, step) - differences(of, theta, 2 * step)) / 3
+        for of in (lambda at: density(at)[0], lambda at: density.residuals(at)[0])
+    )
+    assert_allclose(gradient, slope, rtol=rtol, atol=rtol * np.abs(gradient).max())
+    assert_allclose(-jacobian.T @ residual, gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
+    assert (np.abs(jacobian - columns.T).max(axis=0) < rtol * np.abs(jacobian).max(axis=0)).all()

@@ -14,6 +14,7 @@ from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.joint import Joints
 from tests.euler_beam import euler_beam
+from tests.oracles import differences
 from vibrecords import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
 
 STIFFNESS = np.array([2e7, 3e4])
@@ -49,6 +50,11 @@ def theta_of(problem):
     return np.concatenate([np.log(STIFFNESS), problem.prior.mean[2:]])
 
 
+def noise_of(problem, theta=None):
+    """Noise of a test with what the clamp's edge and springs do at this point, or at the means of all but the joint."""
+    return with_common_errors(problem, theta_of(problem) if theta is None else theta).test.noise
+
+
 def log_values(problem, theta):
     return np.log(problem.log_posterior.predicted(theta)[0])
 
@@ -56,7 +62,7 @@ def log_values(problem, theta):
 @pytest.mark.parametrize("data", [None, modes_and_zeros()])
 def test_the_edge_does_what_a_longer_overhang_does(data):
     problem = problem_of(data=data)
-    found = with_common_errors(problem, theta_of(problem)).test.noise
+    found = noise_of(problem)
     longer, shorter = (log_values(other, theta_of(other)) for other in map(problem_of, (0.3003, 0.2997), [data] * 2))
     by_length = 0.01 * (longer - shorter) / 0.002
     predicted_over_sd = problem.log_posterior.predicted(theta_of(problem))[0] / problem.test.data.sd
@@ -67,19 +73,16 @@ def test_springs_are_tried_at_the_quantities_of_the_joint_without_a_table_over_a
     problem = problem_of(data=modes_and_zeros())
     theta = theta_of(problem)
     theta[2] += problem.prior.sd[2]  # a longer beam
-    found = with_common_errors(problem, theta).test.noise
+    found, nominal = noise_of(problem, theta), noise_of(problem)
     monkeypatch.setattr(type(problem.test.structures), "solved_anew", lambda self: self)
-    by_table = with_common_errors(problem, theta).test.noise
-    np.testing.assert_allclose(found.springs, by_table.springs, rtol=1e-7, atol=1e-9)
-    nominal = with_common_errors(problem, theta_of(problem)).test.noise
+    np.testing.assert_allclose(found.springs, noise_of(problem, theta).springs, rtol=1e-7, atol=1e-9)
     assert np.abs(found.springs / nominal.springs - 1).max() > 1e-4
 
 
 @pytest.mark.parametrize("data", [None, modes_and_zeros()])
 def test_springs_do_what_a_real_one_does(data):
     problem = problem_of(data=data)
-    theta = theta_of(problem)
-    found = with_common_errors(problem, theta).test.noise
+    found = noise_of(problem)
     of_springs = found.springs / found.relative[:, None]
     assert (of_springs[0] ** 2).sum() == pytest.approx(1.0)  # a is what all of them do to the lowest frequency
 
@@ -134,7 +137,7 @@ def ratios(motion, length, dofs, reference, numbers=(1, 2, 4)):
 def test_the_edge_leaves_sensors_where_they_are(reference):
     data = with_shapes(reference=reference)
     problem = problem_of(data=data, height=THIN)
-    found = with_common_errors(problem, theta_of(problem)).test.noise.edges[3:, 0].reshape(3, 2) * 0.01
+    found = noise_of(problem).edges[3:, 0].reshape(3, 2) * 0.01
     longer, shorter = (ratios(fine(length)[1], length, data.shapes.dofs, reference) for length in (0.3015, 0.2985))
     assert found == pytest.approx(longer - shorter, rel=0.01, abs=1e-4)
 
@@ -143,7 +146,7 @@ def test_the_edge_leaves_sensors_where_they_are(reference):
 def test_a_spring_changes_shapes_as_a_real_one_does(reference):
     data, spring, away = with_shapes(reference=reference), 20.0, 0.15
     problem = problem_of(data=data, height=THIN)
-    noise = with_common_errors(problem, theta_of(problem)).test.noise
+    noise = noise_of(problem)
     (hz, plain), (moved_hz, moved) = fine(0.3), fine(0.3, spring, at=away)
     change = (ratios(motion, 0.3, data.shapes.dofs, reference) for motion in (moved, plain))
     change = next(change) - next(change)
@@ -154,12 +157,10 @@ def test_a_spring_changes_shapes_as_a_real_one_does(reference):
 
 
 def test_neither_is_there_where_it_is_left_out_or_there_is_no_clamp():
-    problem = problem_of(edge=0.0, spring=0.0)
-    noise = with_common_errors(problem, theta_of(problem)).test.noise
+    noise = noise_of(problem_of(edge=0.0, spring=0.0))
     assert noise.edges.shape == noise.springs.shape == (3, 0)
-    middle = problem_of()
-    middle = middle.with_test(joints=jb.Joint(("6:y", "6:rz")))  # held in the middle it has two overhangs
-    assert with_common_errors(middle, theta_of(middle)).test.noise.edges.shape == (3, 0)
+    middle = problem_of().with_test(joints=jb.Joint(("6:y", "6:rz")))  # held in the middle it has two overhangs
+    assert noise_of(middle).edges.shape == (3, 0)
 
 
 def test_a_clamp_of_two_overhangs_has_one_edge_in_mm():
@@ -167,7 +168,7 @@ def test_a_clamp_of_two_overhangs_has_one_edge_in_mm():
     tests = [replace(problem_of(length).test, name=f"{1000 * length:g}") for length in (0.3, 0.2)]
     both = with_common_errors(replace(one, tests=tuple(tests)), theta_of(one))
     first, second = (test.noise for test in both.tests)
-    alone = [with_common_errors(problem, theta_of(problem)).test.noise for problem in (one, problem_of(0.2))]
+    alone = [noise_of(problem) for problem in (one, problem_of(0.2))]
     assert first.edges == pytest.approx(alone[0].edges * 0.25 / 0.3)  # 1 % of their mean, 2.5 mm
     assert second.edges == pytest.approx(alone[1].edges * 0.25 / 0.2)
     (group,) = both.log_posterior.likelihood.sharing
@@ -178,6 +179,7 @@ def test_a_clamp_of_two_overhangs_has_one_edge_in_mm():
 SIZES = ErrorSizes(frequency=0.004, factor=2.0, edge=0.01, spring=0.01, spring_factor=3.0)
 DATA = FrequencyData([11.9, 30.8, 70.0], [0.05, 0.1, 0.2])
 EDGES, SPRINGS = np.array([[-4.0], [-5.0], [-7.0]]), np.array([[300.0, 20.0], [60.0, 150.0], [10.0, 30.0]])
+NOISE = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=SPRINGS)
 
 
 def dense(noise, s, a):
@@ -186,33 +188,30 @@ def dense(noise, s, a):
 
 
 def test_the_density_is_the_mean_of_dense_normal_ones_over_both_sizes():
-    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=SPRINGS)
     for residual in ([0.5, -1.0, 0.3], [9.0, 3.0, -2.0], [-12.0, -16.0, -20.0]):
 
         def density(v, u, residual=residual):
-            covariance = dense(noise, SIZES.frequency * SIZES.factor**u, SIZES.spring * SIZES.spring_factor**v)
+            covariance = dense(NOISE, SIZES.frequency * SIZES.factor**u, SIZES.spring * SIZES.spring_factor**v)
             value = stats.multivariate_normal(cov=covariance).pdf(residual)
             return stats.norm.pdf(u) * stats.norm.pdf(v) * value
 
         exact = math.log(integrate.dblquad(density, -5, 5, -3, 3, epsrel=1e-4)[0] / (2 * stats.norm.cdf(3) - 1))
         z = np.array(residual)[None, :, None] / math.sqrt(2)
-        found = noise.log_likelihood(z, ())[0] - 1.5 * math.log(2 * math.pi)
-        assert found == pytest.approx(exact, abs=0.01)
+        assert NOISE.log_likelihood(z, ())[0] - 1.5 * math.log(2 * math.pi) == pytest.approx(exact, abs=0.01)
 
 
 def test_replicated_residuals_have_the_covariance_of_edge_and_springs_and_scores_are_white():
-    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=SPRINGS)
     rng = np.random.default_rng(5)
-    drawn = math.sqrt(2) * noise.draw(rng, np.tile([0.004, 0.02], (100_000, 1)), 3, 1)[:, :, 0]
-    assert drawn.T @ drawn / len(drawn) == pytest.approx(dense(noise, 0.004, 0.02), rel=0.03, abs=0.3)
-    z = noise.draw(rng, np.empty((20_000, 0)), 3, 1)
-    squares = 2 * (noise.scores(z, ()) ** 2).mean(axis=(0, 2))
+    drawn = math.sqrt(2) * NOISE.draw(rng, np.tile([0.004, 0.02], (100_000, 1)), 3, 1)[:, :, 0]
+    assert drawn.T @ drawn / len(drawn) == pytest.approx(dense(NOISE, 0.004, 0.02), rel=0.03, abs=0.3)
+    z = NOISE.draw(rng, np.empty((20_000, 0)), 3, 1)
+    squares = 2 * (NOISE.scores(z, ()) ** 2).mean(axis=(0, 2))
     assert squares.mean() == pytest.approx(1.0, abs=0.03)
     assert squares == pytest.approx(1.0, abs=0.12)
 
 
 def test_what_moves_all_modes_is_found_again():
-    noise = replace(ModelErrorNoise.of(DATA, SIZES), edges=EDGES, springs=100 * np.array([[3.0], [0.5], [0.1]]))
+    noise = replace(NOISE, springs=100 * np.array([[3.0], [0.5], [0.1]]))
     rng = np.random.default_rng(6)
     moved = {"edge": 2.0 * EDGES[:, 0], "spring": 0.1 * noise.springs[:, 0]}
     z = np.array([np.zeros(3), moved["edge"], moved["spring"]])[:, :, None] / math.sqrt(2)
@@ -233,6 +232,4 @@ def test_the_slopes_of_many_joints_come_from_one_evaluation_of_the_density(monke
     monkeypatch.setattr(density, "log_likelihood", lambda theta: calls.append(len(theta)) or evaluate(theta))
     np.testing.assert_allclose(density.gradient(many), alone, rtol=1e-6)
     assert len(calls) == 1
-    step = 1e-4 * np.eye(many.shape[1])[1]
-    by_hand = (density(many + step) - density(many - step)) / 2e-4
-    np.testing.assert_allclose(alone[:, 1], by_hand, rtol=1e-3)
+    np.testing.assert_allclose(alone[:, 1], differences(density, many, 1e-4)[1], rtol=1e-3)

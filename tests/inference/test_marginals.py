@@ -1,67 +1,109 @@
-"""Priors on a stiffness itself: against its density in k, and what asks a marginal."""
+"""Marginal priors: one harness against scipy's laws, on ln k and on the stiffness itself, and what asks a marginal."""
 
 import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import integrate, stats
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
 from jointbayes.posterior.widened import bounds_within_reach, widened_prior
+from tests.one_line import refused
+
+
+class OfLogarithm:
+    """Law of ln k by that of k; its middle is the median, its width half the central 68 %."""
+
+    def __init__(self, of_k):
+        self.of_k = of_k
+
+    def pdf(self, t):
+        return self.of_k.pdf(np.exp(t)) * np.exp(t)
+
+    def cdf(self, t):
+        return self.of_k.cdf(np.exp(t))
+
+    def ppf(self, p):
+        return np.log(self.of_k.ppf(p))
+
+    def support(self):
+        with np.errstate(divide="ignore"):
+            return np.log(np.maximum(self.of_k.support(), 0.0))
+
+    def mean(self):
+        return self.ppf(0.5)
+
+    def std(self):
+        return np.diff(self.ppf(stats.norm.cdf([-1, 1])))[0] / 2
+
 
 PRIORS = [
-    (OfStiffness(Uniform(2e5, 7e6)), stats.uniform(2e5, 6.8e6)),
-    (OfStiffness(Uniform(0.0, 7e6)), stats.uniform(0.0, 7e6)),
-    (OfStiffness(Normal(3e6, 1e6)), stats.truncnorm(-3, np.inf, 3e6, 1e6)),
-    (OfStiffness(Normal(1e6, 2e6)), stats.truncnorm(-0.5, np.inf, 1e6, 2e6)),
-    (OfStiffness(stats.gamma(4.0, scale=1e6)), stats.gamma(4.0, scale=1e6)),
+    (Normal(20.0, 0.7), stats.norm(20.0, 0.7)),
+    (Uniform(-1.0, 3.0), stats.uniform(-1.0, 4.0)),
+    (OfStiffness(Uniform(2e5, 7e6)), OfLogarithm(stats.uniform(2e5, 6.8e6))),
+    (OfStiffness(Uniform(0.0, 7e6)), OfLogarithm(stats.uniform(0.0, 7e6))),
+    (OfStiffness(Normal(3e6, 1e6)), OfLogarithm(stats.truncnorm(-3, np.inf, 3e6, 1e6))),
+    (OfStiffness(Normal(1e6, 2e6)), OfLogarithm(stats.truncnorm(-0.5, np.inf, 1e6, 2e6))),
+    (OfStiffness(stats.gamma(4.0, scale=1e6)), OfLogarithm(stats.gamma(4.0, scale=1e6))),
 ]
 
 
-@pytest.mark.parametrize(("prior", "of_k"), PRIORS)
-def test_the_density_of_ln_k_is_that_of_k_times_k(prior, of_k):
-    k = of_k.ppf([0.001, 0.3, 0.9999])
-    np.testing.assert_allclose(np.exp(prior.log_density(np.log(k))), of_k.pdf(k) * k, rtol=1e-9)
+@pytest.mark.parametrize(("prior", "law"), PRIORS)
+def test_a_marginal_is_the_law_that_it_states(prior, law):
+    """On a stiffness k: the density of ln k is that of k times k."""
+    theta, p = law.ppf([0.001, 0.3, 0.9999]), np.array([0.01, 0.4, 0.975])
+    assert_allclose(np.exp(prior.log_density(theta)), law.pdf(theta), rtol=1e-9)
     low, high = prior.ppf(np.array([1e-9, 1 - 1e-9]))
-    assert integrate.quad(lambda t: math.exp(prior.log_density(np.array(t))), low, high)[0] == pytest.approx(
-        1, abs=1e-6
-    )
+    whole, _ = integrate.quad(lambda t: math.exp(prior.log_density(np.array(t))), low, high)
+    assert whole == pytest.approx(1, abs=1e-6)
+    assert_allclose(prior.ppf(p), law.ppf(p), rtol=1e-9)
+    assert_allclose(prior.cdf(law.ppf(p)), p, rtol=1e-9)
+    assert stats.kstest(prior.sample(np.random.default_rng(2), 20_000), law.cdf).pvalue > 1e-3
+    assert (prior.mean, prior.sd) == pytest.approx((law.mean(), law.std()))
+    assert_allclose(prior.support, law.support(), rtol=1e-12)
+    assert prior.precision == pytest.approx(0.0 if isinstance(prior, Uniform) else 1 / prior.sd**2)
 
 
-@pytest.mark.parametrize(("prior", "of_k"), PRIORS)
-def test_probabilities_quantiles_draws_and_width_are_those_of_k(prior, of_k):
-    p = np.array([0.01, 0.4, 0.975])
-    np.testing.assert_allclose(np.exp(prior.ppf(p)), of_k.ppf(p), rtol=1e-9)
-    np.testing.assert_allclose(prior.cdf(np.log(of_k.ppf(p))), p, rtol=1e-9)
-    assert stats.kstest(np.exp(prior.sample(np.random.default_rng(2), 20_000)), of_k.cdf).pvalue > 1e-3
-    assert prior.mean == pytest.approx(math.log(of_k.median()))
-    middle = np.log(of_k.ppf(stats.norm.cdf([-1, 1])))
-    assert prior.sd == pytest.approx((middle[1] - middle[0]) / 2)
-    np.testing.assert_allclose(np.exp(prior.support), np.maximum(of_k.support(), 0.0), rtol=1e-12)
+@pytest.mark.parametrize("prior", [Uniform(-1.0, 3.0), OfStiffness(Uniform(2e5, 7e6))])
+def test_the_ends_of_its_support_are_inside(prior):
+    ends = np.array(prior.support)
+    assert np.isfinite(prior.log_density(ends)).all()
+    assert np.isneginf(prior.log_density(ends + np.array([-1e-4, 1e-4]))).all()
 
 
-def test_the_ends_of_its_support_are_inside():
-    prior = OfStiffness(Uniform(2e5, 7e6))
-    assert np.isfinite(prior.log_density(np.array(prior.support))).all()
-    assert prior.log_density(np.log(np.array([1.99e5, 7.01e6]))).tolist() == [-math.inf, -math.inf]
+@pytest.mark.parametrize("decades", [0.3, 1.0, 2.0])
+def test_a_guess_is_right_to_within_its_decades_with_95_per_cent(decades):
+    prior = Normal.from_decades(1e9, decades)
+    below, above = prior.cdf(np.log([1e9 / 10**decades, 1e9 * 10**decades]))
+    assert (above - below, prior.mean) == pytest.approx((0.95, np.log(1e9)), abs=1e-12)
 
 
-@pytest.mark.parametrize("given", [Uniform(-3.0, -1.0), Normal(-1.0, 1e-3), OfStiffness(Uniform(1.0, 2.0))])
-def test_a_prior_without_a_stiffness_above_zero_is_refused(given):
-    with pytest.raises(ModelError, match="expected a distribution of k"):
-        OfStiffness(given)
+def far_from_any_joint():
+    """k12 far above what k11 and k22 allow."""
+    return JointPrior(LogStiffness(), tuple(Normal(m, 0.01) for m in (1.0, 9.0, 1.0)))
 
 
-@pytest.mark.parametrize(("parametrisation", "refused"), [(SignedCoupling(), "rho"), (ElasticCentre(), "arm")])
-def test_a_coordinate_that_is_no_logarithm_has_no_prior_on_a_stiffness(parametrisation, refused):
-    marginals = (OfStiffness(Uniform(1e6, 1e9)),) * 3
-    with pytest.raises(ModelError, match=f"prior of {refused}: .* not the logarithm of a stiffness") as error:
-        JointPrior(parametrisation, marginals)
-    assert "\n" not in str(error.value)
-    with pytest.raises(ModelError, match=r"density: .* expected a prior on"):
-        Nuisance("density", "kg/m³", 7800.0, OfStiffness(Uniform(1.0, 2.0)))
+@pytest.mark.parametrize(
+    ("words", "broken"),
+    [
+        *(("sd > 0", lambda own=own: Normal(*own)) for own in [(0.0, 0.0), (0.0, -1.0), (np.nan, 1.0), (0.0, np.inf)]),
+        *(("both above 0", lambda own=own: Normal.from_decades(*own)) for own in [(0.0, 1.0), (1e9, 0.0)]),
+        *(("low < high", lambda own=own: Uniform(*own)) for own in [(1, 1), (2, 1), (np.nan, 1), (0, np.inf)]),
+        *(("expected a distribution of k", lambda own=own: OfStiffness(own))
+          for own in (Uniform(-3.0, -1.0), Normal(-1.0, 1e-3), OfStiffness(Uniform(1.0, 2.0)))),
+        ("", lambda: JointPrior(LogStiffness(), (Normal(0.0, 1.0),) * 2)),
+        ("", lambda: far_from_any_joint().sample(np.random.default_rng(1), 10)),
+        *((f"prior of {name}: ", lambda kind=kind: JointPrior(kind, (OfStiffness(Uniform(1e6, 1e9)),) * 3))
+          for name, kind in (("rho", SignedCoupling()), ("arm", ElasticCentre()))),
+        ("not the logarithm of", lambda: JointPrior(ElasticCentre(), (OfStiffness(Uniform(1e6, 1e9)),) * 3)),
+        ("expected a prior on", lambda: Nuisance("density", "kg/m³", 7800.0, OfStiffness(Uniform(1.0, 2.0)))),
+    ],
+)  # fmt: skip
+def test_impossible_priors_are_refused_in_one_line(words, broken):
+    refused(broken, ModelError, words)
 
 
 @pytest.mark.science
@@ -87,9 +129,8 @@ def test_the_prior_of_a_joint_integrates_to_one_and_its_draws_follow_it():
 
 
 def test_widened_by_a_decade_it_is_still_one_on_the_stiffness():
-    prior = JointPrior(
-        LogStiffness(), (OfStiffness(Uniform(0.0, 1e9)), Normal(10.0, 1.0), OfStiffness(Normal(1e6, 1e5)))
-    )
+    marginals = (OfStiffness(Uniform(0.0, 1e9)), Normal(10.0, 1.0), OfStiffness(Normal(1e6, 1e5)))
+    prior = JointPrior(LogStiffness(), marginals)
     first, _, last = widened_prior(prior).marginals
     assert first == OfStiffness(Uniform(0.0, 1e10))
     assert isinstance(last, Normal)
@@ -98,3 +139,8 @@ def test_widened_by_a_decade_it_is_still_one_on_the_stiffness():
     at_the_end = np.full((1000, 3), math.log(0.99e9))
     assert bounds_within_reach(prior, at_the_end) == (("k11", "upper"),)
     assert bounds_within_reach(prior, at_the_end - 5.0) == ()
+
+
+def test_the_forward_model_is_made_for_six_standard_deviations_of_a_normal_quantity():
+    assert Nuisance("length", "mm", 383.0, Normal(0.1, 0.02)).range == pytest.approx((-0.02, 0.22))
+    assert Nuisance("length", "mm", 383.0, Uniform(-0.3, 0.2)).range == (-0.3, 0.2)

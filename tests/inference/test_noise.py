@@ -216,6 +216,8 @@ def test_its_standard_deviation_is_that_fraction_of_the_measured_magnitude(spoil
     magnitude, variance = np.abs(measured.frf.values[:, 0]), measured.variance[:, 0]
     spread = ProportionalNoise.of(measured, 2).spread([[0.1]], 1)[0]
     assert_allclose(spread**2 * variance / 2, variance / 2 + (0.1 * magnitude) ** 2)
+    both = ProportionalNoise.of(measured, 2, scaled=True).spread([[1.5, 0.1]], 1)[0]
+    assert_allclose(both**2, 1.5**2 + spread**2 - 1)
     # of ln |H|: its own standard deviation, and 0.1
     spread = ProportionalNoise.of(measured, 1).spread([[0.1]], 1)[0]
     own = np.minimum(variance / (2 * magnitude**2), math.pi**2 / 24)
