@@ -11,9 +11,6 @@ from jointbayes.case.case import case_from_text
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.identification.starting_points import screened_draws
 from jointbayes.inference.noise.gaussian import GaussianNoise
-from jointbayes.joint import CondensedCoordinates, Cone
-from jointbayes.sampling import ComposedCoordinates, NormalScores
-from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text, pair_matrix
 from vibrecords import FrfSet
@@ -24,37 +21,6 @@ CALIBRATION = 20220322  # its seed
 @pytest.fixture(scope="module")
 def exact():
     return case_from_text("cheap", cheap_text().replace("added = true", "added = false"))
-
-
-def slope(coordinates, theta):
-    """ln |∂θ/∂φ| by central differences, shape (n,)."""
-    phi, step = coordinates.forward(theta), 1e-5
-    columns = []
-    for j in range(theta.shape[1]):
-        up, down = phi.copy(), phi.copy()
-        up[:, j] += step
-        down[:, j] -= step
-        columns.append((coordinates.inverse(up)[0] - coordinates.inverse(down)[0]) / (2 * step))
-    return np.linalg.slogdet(np.stack(columns, axis=-1))[1]
-
-
-def test_the_condensed_stiffness_goes_there_and_back_with_the_volume_it_states():
-    rng = np.random.default_rng(4)
-    k11, k22 = np.exp(rng.normal(20, 1, 50)), np.exp(rng.normal(14, 1, 50))
-    theta = np.log(np.stack([k11, rng.uniform(0.01, 0.99, 50) * np.sqrt(k11 * k22), k22], axis=1))
-    coordinates = CondensedCoordinates(Cone(0, 1, 2))
-    assert np.allclose(np.exp(coordinates.forward(theta)[:, 2]), k22 - np.exp(2 * theta[:, 1]) / k11, rtol=1e-9)
-    assert np.allclose(coordinates.inverse(coordinates.forward(theta))[0], theta, atol=1e-9)
-    assert np.allclose(coordinates.log_volume(theta), slope(coordinates, theta), atol=1e-5)
-
-
-def test_composed_coordinates_are_applied_one_after_the_other():
-    box = NormalScores([0.0, -np.inf], [4.0, np.inf])
-    theta = np.random.default_rng(5).uniform(0.1, 3.9, (20, 2))
-    both = ComposedCoordinates(Identity(), box)
-    assert np.array_equal(both.forward(theta), box.forward(theta))
-    assert np.array_equal(both.log_volume(theta), box.log_volume(theta))
-    assert not both.inverse(np.array([[9.0, 0.0]]))[1].any()
 
 
 def calibration_data_of_before(variant, index):

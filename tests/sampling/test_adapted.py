@@ -10,7 +10,6 @@ from scipy import stats
 from jointbayes.errors import SamplingError
 from jointbayes.sampling import (
     INTERVAL,
-    NormalScores,
     Proposal,
     SamplerSettings,
     StudentT,
@@ -21,7 +20,7 @@ from jointbayes.sampling import (
     run_ensembles,
     sampler,
 )
-from jointbayes.sampling.coordinate_maps import Identity, straightened
+from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import first_mixture, most_likely_mixture
 from jointbayes.sampling.ensemble import Streams
 
@@ -193,45 +192,6 @@ def test_all_stages_together_make_no_more_steps_than_allowed_and_progress_counts
     assert all(one.done <= one.total <= limit for one in told)
     assert np.all(np.diff([one.elapsed_seconds for one in told]) > 0)
     assert chains.seconds > 0
-
-
-class TestStraightCoordinates:
-    BASE = NormalScores([-np.inf, 0.0, -np.inf], [np.inf, 2.0, np.inf])
-
-    @staticmethod
-    def bent(rng, n=4000):
-        a, b, c = rng.normal(size=(3, n))
-        return np.column_stack([a, 2 * stats.norm.cdf(0.5 * a**2 + 0.1 * b - 1), a * b + 0.05 * c])
-
-    def test_bent_draws_are_straight_in_it(self):
-        draws = self.bent(np.random.default_rng(1))
-        before, phi = self.BASE.forward(draws), straightened(self.BASE, draws).forward(draws)
-        spread = phi.std(axis=0) * before.std(axis=0)
-        assert spread.min() < 0.2 * before.std(axis=0).min()
-        assert abs(np.corrcoef(phi[:, 0] ** 2, phi[:, 1])[0, 1]) < 0.05
-
-    def test_there_and_back(self):
-        rng = np.random.default_rng(2)
-        draws = self.bent(rng)
-        coordinates, others = straightened(self.BASE, draws), self.bent(rng)
-        theta, inside = coordinates.inverse(coordinates.forward(others))
-        assert inside.all()
-        np.testing.assert_allclose(theta, others, rtol=1e-9, atol=1e-9)
-
-    def test_its_volume_is_that_of_differences(self):
-        draws = self.bent(np.random.default_rng(3))
-        coordinates, h = straightened(self.BASE, draws), 1e-5
-        points = draws[np.abs(self.BASE.forward(draws)[:, 1]) < 3][:20]  # at an edge differences have no digits
-        slopes = [
-            (coordinates.forward(points + h * e) - coordinates.forward(points - h * e)) / (2 * h) for e in np.eye(3)
-        ]
-        _, log_slope = np.linalg.slogdet(np.stack(slopes, axis=-1))
-        np.testing.assert_allclose(coordinates.log_volume(points), -log_slope, atol=1e-5)
-
-    def test_independent_draws_are_left_as_they_are(self):
-        draws = np.random.default_rng(4).normal(size=(4000, 3)) * [1.0, 5.0, 0.2] + 7.0
-        phi = straightened(Identity(), draws).forward(draws)
-        np.testing.assert_allclose(phi, (draws - draws.mean(axis=0)) / draws.std(axis=0), atol=1e-12)
 
 
 def broad_thread(theta):

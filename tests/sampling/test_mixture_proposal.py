@@ -50,39 +50,6 @@ class TestStudentMixture:
         assert np.abs(side.mean(axis=0) - expected).max() < 4.5 * np.sqrt(expected / 2000)
 
 
-class TestNormalScores:
-    coordinates = NormalScores([2.0, -np.inf, -1.0], [5.0, np.inf, 1.0])
-
-    def test_there_and_back(self):
-        phi = np.random.default_rng(3).normal(scale=1.5, size=(200, 3))
-        theta, inside = self.coordinates.inverse(phi)
-        assert inside.all()
-        np.testing.assert_allclose(self.coordinates.forward(theta), phi, rtol=1e-7, atol=1e-9)
-        np.testing.assert_array_equal(theta[:, 1], phi[:, 1])
-
-    def test_volume_is_that_of_differences(self):
-        phi = np.random.default_rng(4).normal(size=(20, 3))
-        theta, _ = self.coordinates.inverse(phi)
-        h = 1e-5
-        slopes = [
-            (self.coordinates.inverse(phi + h * e)[0] - self.coordinates.inverse(phi - h * e)[0])[:, i] / (2 * h)
-            for i, e in enumerate(np.eye(3))
-        ]
-        np.testing.assert_allclose(
-            self.coordinates.log_volume(theta), np.log(np.prod(slopes, axis=0)), rtol=1e-7, atol=1e-8
-        )
-
-    def test_a_uniform_density_becomes_a_normal_one(self):
-        theta = np.random.default_rng(5).uniform(2.0, 5.0, size=(4000, 3))
-        assert stats.kstest(self.coordinates.forward(theta)[:, 0], stats.norm.cdf).pvalue > 1e-3
-
-    def test_the_ends_are_finite_and_points_beyond_seven_are_not_of_the_box(self):
-        ends = self.coordinates.forward(np.array([[2.0, 0.0, 1.0], [5.0, 0.0, -1.0]]))
-        assert np.isfinite(ends).all()
-        assert (np.abs(ends[:, [0, 2]]) > 7.0).all()
-        assert self.coordinates.inverse(np.array([[7.1, 0.0, 0.0], [0.0, 70.0, 6.9]]))[1].tolist() == [False, True]
-
-
 class TestWeights:
     def test_tempering_leaves_enough_draws_and_no_more_than_needed(self):
         log_weight = 50.0 * np.random.default_rng(6).normal(size=1000)
