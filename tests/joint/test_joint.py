@@ -1,208 +1,154 @@
-"""Joints: where they act, what they may be, and the coordinates in which they are inferred."""
+"""Joints: where they act, in axes of their own, over rigid links and side by side; and their matrices as one object."""
 
 from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.joint import COORDINATES, ComplianceCoordinates, ElasticCentre
+from jointbayes.joint import COORDINATES, ElasticCentre, JointMatrix, Joints, joint_matrix_of, joints_of
 from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
 from tests.one_line import refused
 
-ALL = pytest.mark.parametrize(
-    "parametrisation", [jb.parametrisation_named(key) for key in COORDINATES], ids=list(COORDINATES)
-)
-LN_K = st.floats(np.log(1e2), np.log(1e12))
-COUPLING = st.floats(-0.99, 0.99).filter(lambda rho: abs(rho) > 1e-3)
+SIX = ("x", "y", "z", "rx", "ry", "rz")
+TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 
 
-def theta_of(parametrisation, ln_k11, ln_k22, rho):
-    """Coordinates of a positive definite joint; the log parametrisation takes |ρ|."""
-    if isinstance(parametrisation, jb.SignedCoupling):
-        return np.array([ln_k11, ln_k22, rho])
-    if isinstance(parametrisation, ElasticCentre):
-        return np.array([ln_k11, rho * np.exp((ln_k22 - ln_k11) / 2), ln_k22 + np.log1p(-(rho**2))])
-    return np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(abs(rho)), ln_k22])
+class Points:
+    """Nodes with six DOFs each at stated places."""
+
+    def __init__(self, places):
+        self.places = places
+        self.dofs = [f"{node}:{direction}" for node in places for direction in SIX]
+        self.n_dofs = len(self.dofs)
+
+    def index(self, labels):
+        return np.array([self.dofs.index(label) for label in labels])
+
+    def position(self, label):
+        return self.places[int(label.split(":")[0])]
+
+    def moved(self, translation, rotation):
+        """Motion of all DOFs in a small rigid motion about the origin."""
+        at_nodes = (translation + np.cross(rotation, place) for place in self.places.values())
+        return np.concatenate([[*moved, *rotation] for moved in at_nodes])
 
 
-@ALL
-@settings(max_examples=20)
-@given(LN_K, LN_K, COUPLING)
-def test_the_determinant_is_that_of_the_joint_matrix(parametrisation, ln_k11, ln_k22, rho):
-    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)
-    assert parametrisation.log_determinant(theta) == pytest.approx(ln_k11 + ln_k22 + np.log1p(-(rho**2)), abs=1e-9)
-
-
-@ALL
-def test_a_parametrisation_says_what_its_coordinates_are(parametrisation):
-    axes, names = parametrisation.axes, parametrisation.names
-    assert names == tuple(axis.name for axis in axes)
-    assert {axis.quantity for axis in axes} == {quantity.name for quantity in PAIR.quantities}
-    theta = parametrisation.coordinates(TABLE_3)
-    for quantity, k in zip(PAIR.quantities, TABLE_3, strict=True):
-        column = names.index(parametrisation.standing_for(quantity.name))
-        if quantity.name in names:  # a stiffness among the coordinates is there by its logarithm
-            assert axes[column].value(theta[column]) == pytest.approx(k, rel=1e-12)
-            assert (axes[column].unit, axes[column].label) == (quantity.unit, f"ln {quantity.name}")
-        else:
-            assert quantity.name in parametrisation.derived
-    units = {axis.name: (axis.unit, axis.label, axis.axis_label, axis.bounded) for axis in axes if not axis.logarithmic}
-    assert (
-        units
-        == {
-            "log": {},
-            "signed": {"rho": ("1", "ρ", "ρ", True)},
-            "elastic_centre": {"arm": ("m", "arm", "arm (m)", False)},
-        }[parametrisation.key]
-    )
-
-
-@ALL
-@pytest.mark.parametrize("stiffness", [[0.0, 0.0, 0.0], [1e8, 0.0, 0.0], [1e8, -2e8, 1e6], [1e9, 1e9, 1e6], TABLE_3])
-def test_any_joint_has_a_positive_definite_one_near_that_has_coordinates(parametrisation, stiffness):
-    near = parametrisation.nearest(stiffness)
-    assert parametrisation.describes(near)
-    assert is_positive_definite(near)
-    assert parametrisation.feasible(parametrisation.coordinates(near))
-    if parametrisation.describes(stiffness) and abs(stiffness[1]) < 0.9 * np.sqrt(stiffness[0] * stiffness[2]):
-        np.testing.assert_array_equal(near, stiffness)
-
-
-@given(LN_K, st.floats(-1.0, 1.0), LN_K)
-def test_a_joint_acts_at_its_elastic_centre_without_coupling(ln_k11, arm, ln_k22c):
-    """Motion of the centre y + a φ gives the force k11 (y + a φ) and no moment about it."""
-    k11, k12, k22 = ElasticCentre().values([ln_k11, arm, ln_k22c])
-    to_centre = np.array([[1.0, arm], [0.0, 1.0]])
-    about_centre = to_centre.T @ np.diag(np.exp([ln_k11, ln_k22c])) @ to_centre
-    np.testing.assert_allclose([[k11, k12], [k12, k22]], about_centre, rtol=1e-12)
-
-
-def is_positive_definite(stiffness):
-    """By eigenvalues, scaled to a unit diagonal, which by Sylvester's law of inertia keeps their signs."""
-    size = np.sqrt(stiffness[[0, 2]])
-    return bool((np.linalg.eigvalsh(pair_matrix(stiffness) / np.outer(size, size)) > 0).all())
-
-
-@given(LN_K, LN_K, st.floats(0.01, 100.0))
-def test_log_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
-    assume(abs(rho - 1) > 1e-9)
-    theta = np.array([ln_k11, (ln_k11 + ln_k22) / 2 + np.log(rho), ln_k22])
-    assert jb.LogStiffness().feasible(theta) == is_positive_definite(jb.LogStiffness().values(theta))
-
-
-@given(LN_K, LN_K, st.floats(-3.0, 3.0))
-def test_signed_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
-    assume(abs(abs(rho) - 1) > 1e-9)
-    theta = np.array([ln_k11, ln_k22, rho])
-    assert jb.SignedCoupling().feasible(theta) == is_positive_definite(jb.SignedCoupling().values(theta))
-
-
-NO_JOINTS = {
-    jb.LogStiffness: [[1e9, 0.0, 1e6], [1e9, -1e7, 1e6], [-1e9, 1e7, 1e6], [np.nan, 1e7, 1e6]],
-    ElasticCentre: [[0.0, 0.0, 1e6], [1e9, 1e8, 1e6], [1e9, -1e8, 1e7], [np.nan, 0.0, 1e6]],
-    jb.SignedCoupling: [[0.0, 0.0, 1e6], [1e9, 0.0, -1e6], [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]],
-}
-
-
-@ALL
-@settings(max_examples=20)
-@given(LN_K, LN_K, COUPLING)
-def test_the_compliance_is_the_inverse_matrix_and_leads_back(parametrisation, ln_k11, ln_k22, rho):
-    coordinates = ComplianceCoordinates(parametrisation)
-    theta = theta_of(parametrisation, ln_k11, ln_k22, rho)[None]
-    phi = coordinates.forward(theta)
-    product = pair_matrix(phi[0]) @ pair_matrix(parametrisation.values(theta)[0])
-    size = np.exp([ln_k11 / 2, ln_k22 / 2])
-    np.testing.assert_allclose(product * size[:, None] / size, np.eye(2), atol=1e-10)
-    back, inside = coordinates.inverse(phi)
-    assert inside.tolist() == [True]
-    np.testing.assert_allclose(back, theta, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("phi", "log", "signed"),
-    [
-        ([2e-10, -1e-11, 1e-6], True, True),
-        ([2e-10, 1e-11, 1e-6], False, True),  # k12 < 0
-        ([2e-10, 0.0, 1e-6], False, True),  # k12 = 0
-        ([-2e-10, -1e-11, 1e-6], False, False),
-        ([2e-10, -1e-11, -1e-6], False, False),
-        ([-2e-10, -1e-11, -1e-6], False, False),  # positive determinant, negative definite
-        ([2e-10, -2e-8, 1e-6], False, False),  # c12² > c11 c22
-        ([2e-10, 2e-8, 1e-6], False, False),
-    ],
-)
-def test_the_coordinates_know_which_compliances_are_joints(phi, log, signed):
-    for parametrisation, expected in (
-        (jb.LogStiffness(), log),
-        (jb.SignedCoupling(), signed),
-        (ElasticCentre(), signed),
-    ):
-        theta, inside = ComplianceCoordinates(parametrisation).inverse(np.array([phi]))
-        assert inside.tolist() == [expected]
-        assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN
-        if expected:
-            assert parametrisation.feasible(theta).all()
+def labels(node, directions=SIX):
+    return tuple(f"{node}:{direction}" for direction in directions)
 
 
 def test_the_paper_s_patterns_add_up_to_the_joint_matrix():
     matrix = pair_matrix([3.0, 1.0, 2.0])
-    np.testing.assert_array_equal(matrix, [[3.0, 1.0], [1.0, 2.0]])
-    np.testing.assert_array_equal(np.einsum("k,kij->ij", [3.0, 1.0, 2.0], PAIR.pattern), matrix)
+    assert_array_equal(matrix, [[3.0, 1.0], [1.0, 2.0]])
+    assert_array_equal(np.einsum("k,kij->ij", [3.0, 1.0, 2.0], PAIR.pattern), matrix)
     assert pair_matrix(np.ones((4, 5, 3))).shape == (4, 5, 2, 2)
     with pytest.raises(ValueError, match="read-only"):
         PAIR.pattern[0, 0, 0] = 2.0
 
 
 def test_a_joint_to_ground_sees_the_motion_of_its_dofs():
-    structure = rod()
-    motion = np.arange(22.0)
-    np.testing.assert_array_equal(CLAMP.selection(structure).T @ motion, motion[:2])
-    reversed_clamp = jb.Joint(("1:rz", "1:y"))
-    np.testing.assert_array_equal(reversed_clamp.selection(structure).T @ motion, motion[[1, 0]])
+    structure, motion = rod(), np.arange(22.0)
+    assert_array_equal(CLAMP.selection(structure).T @ motion, motion[:2])
+    assert_array_equal(jb.Joint(("1:rz", "1:y")).selection(structure).T @ motion, motion[[1, 0]])
 
 
 def test_a_joint_between_two_sets_sees_their_difference_and_no_common_motion():
-    structure = rod()
-    inner = jb.Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
+    structure, inner = rod(), jb.Joint(("3:y", "3:rz"), against=("8:y", "8:rz"))
     motion = np.random.default_rng(1).normal(size=22)
     near, far = structure.index(inner.dofs), structure.index(inner.against)
     deformation = inner.selection(structure).T @ motion
-    np.testing.assert_allclose(deformation, motion[near] - motion[far], rtol=1e-15)
-    translation = np.tile([1.0, 0.0], 11)
-    assert not (inner.selection(structure).T @ translation).any()
+    assert_allclose(deformation, motion[near] - motion[far], rtol=1e-15)
+    assert not (inner.selection(structure).T @ np.tile([1.0, 0.0], 11)).any()
     # action equals reaction: the assembled joint forces add up to zero
     forces = inner.selection(structure) @ pair_matrix(TABLE_3) @ deformation
-    np.testing.assert_array_equal(forces[near], -forces[far])
+    assert_array_equal(forces[near], -forces[far])
     assert np.count_nonzero(forces) == 4
+
+
+def test_own_axes_turn_the_motions_of_a_joint():
+    structure, motion = Points({1: np.zeros(3)}), np.random.default_rng(1).normal(size=6)
+    found = jb.Joint(labels(1), axes=TURN).selection(structure).T @ motion
+    assert_allclose(found, np.concatenate([TURN @ motion[:3], TURN @ motion[3:]]), rtol=1e-14)
+    along = jb.Joint(("1:y",), axes=TURN)
+    assert along.labels == ("1:x", "1:y", "1:z")
+    assert_allclose(along.selection(structure).T @ motion, TURN[1] @ motion[:3])
+
+
+def test_an_offset_is_a_rigid_link_to_the_point_of_the_joint():
+    place, offset = np.array([0.3, -0.2, 0.5]), np.array([0.02, 0.05, -0.03])
+    structure, (translation, rotation) = Points({1: place}), np.random.default_rng(2).normal(size=(2, 3))
+    motion, at_point = structure.moved(translation, rotation), translation + np.cross(rotation, place + offset)
+    for axes, turn in ((None, np.eye(3)), (TURN, TURN)):
+        found = jb.Joint(labels(1), axes=axes, offset_m=offset).selection(structure).T @ motion
+        assert_allclose(found, [*(turn @ at_point), *(turn @ rotation)], rtol=1e-13)
+
+
+def test_a_joint_over_links_feels_no_common_rigid_motion():
+    structure = Points({1: np.zeros(3), 2: np.array([0.1, 0.02, 0.0])})
+    links = {"offset_m": (0.06, 0.0, 0.0), "offset_against_m": (-0.04, -0.02, 0.0)}
+    joint = jb.Joint(labels(1), labels(2), axes=TURN, **links)
+    motion = structure.moved(*np.random.default_rng(3).normal(size=(2, 3)))
+    assert_allclose(joint.selection(structure).T @ motion, np.zeros(6), atol=1e-14)
+
+
+def test_sides_at_different_places_are_refused_unless_an_offset_leads_from_one_to_the_other():
+    structure = Points({1: np.zeros(3), 2: np.array([0.025, 0.0, 0.0])})
+    words = "bolt: found 1:x and 2:x at different places, (25, 0, 0) mm apart"
+    refused(lambda: jb.Joint(labels(1), labels(2), name="bolt").selection(structure), jb.ModelError, words)
+    refused(lambda: jb.Joint(labels(1), labels(2)).selection(structure), jb.ModelError, "offset")
+    jb.Joint(labels(1), labels(2), offset_m=(0.025, 0, 0)).selection(structure)
+    jb.Joint(labels(1), labels(2), offset_against_m=(-0.025, 0, 0)).selection(structure)
+
+
+def test_joints_side_by_side_are_their_selections_side_by_side():
+    structure = rod()
+    one, other = jb.Joint(("1:y", "1:rz"), name="one"), jb.Joint(("3:y",), ("8:y",), name="other")
+    joints = Joints((one, other))
+    expected = np.hstack([one.selection(structure), other.selection(structure)])
+    assert_array_equal(joints.selection(structure), expected)
+    assert (joints.size, joints.labels) == (3, ("1:y", "1:rz", "3:y", "8:y"))
+    whole = np.zeros_like(expected)
+    whole[structure.index(joints.labels)] = joints.deformations(joints.labels)
+    assert_array_equal(whole, expected)
+    assert joints_of(joints) is joints
+    assert joints_of([one, other]) == joints
+    assert str(joints) == "one: 1:y, 1:rz to ground; other: 3:y to 8:y"
+
+
+NO_PAIRS = [[np.nan, 0.0, 1.0], [1.0, 0.0, np.inf], [-1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0],
+            [2.0, 2.0001, 2.0], [2.0, -2.0001, 2.0], [0.0, 1e-9, 1.0]]  # fmt: skip
+WITHOUT_COORDINATES = {
+    jb.LogStiffness: [[1e9, 0.0, 1e6], [1e9, -1e7, 1e6], [-1e9, 1e7, 1e6], [np.nan, 1e7, 1e6]],
+    ElasticCentre: [[0.0, 0.0, 1e6], [1e9, 1e8, 1e6], [1e9, -1e8, 1e7], [np.nan, 0.0, 1e6]],
+    jb.SignedCoupling: [[0.0, 0.0, 1e6], [1e9, 0.0, -1e6], [[1e9, 0.0, 1e6], [1e9, 0.0, np.nan]]],
+}
 
 
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: jb.Joint(()),
-        lambda: jb.Joint(("1:y", "1:y")),
-        lambda: jb.Joint(("1:y", "1:rz"), against=("1:y", "2:rz")),
-        lambda: jb.Joint(("1:y", "1:rz"), against=("2:y",)),
+        *(partial(jb.Joint, *sides) for sides in [
+            ((),), (("1:y", "1:y"),), (("1:y", "1:rz"), ("1:y", "2:rz")), (("1:y", "1:rz"), ("2:y",)),
+            (("1:y", "2:rz"),), (("A.b:y", "B.b:rz"),), (("1:y", "1:rz"), ("3:rz", "3:y")),
+            (("1:y", "1:rz"), ("3:y", "4:rz")),
+        ]),
         lambda: jb.Joint(("12:y", "12:rz")).selection(rod()),
-        lambda: jb.Joint(("1:y", "2:rz")),
-        lambda: jb.Joint(("A.b:y", "B.b:rz")),
-        lambda: jb.Joint(("1:y", "1:rz"), ("3:rz", "3:y")),
-        lambda: jb.Joint(("1:y", "1:rz"), ("3:y", "4:rz")),
         lambda: jb.Joint(("1:y", "1:rz"), against=("2:y", "2:x")).selection(rod()),
         lambda: CLAMP.selection(rod().fixed(("1:y",))),
-        *(
-            partial(PAIR.check, k)
-            for k in ([np.nan, 0.0, 1.0], [1.0, 0.0, np.inf], [-1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 0.0, -1.0],
-                      [2.0, 2.0001, 2.0], [2.0, -2.0001, 2.0], [0.0, 1e-9, 1.0])
-        ),
-        *(partial(kind().coordinates, k) for kind, each in NO_JOINTS.items() for k in each),
+        *(partial(PAIR.check, k) for k in NO_PAIRS),
+        *(partial(kind().coordinates, k) for kind, each in WITHOUT_COORDINATES.items() for k in each),
+        lambda: Joints((jb.Joint(("1:y",)), jb.Joint(("2:y",), name="b"))),
+        lambda: Joints((jb.Joint(("1:y",), name="b"), jb.Joint(("2:y",), name="b"))),
+        *(partial(jb.Joint, ("1:y",), axes=axes) for axes in ([(1, 0, 0), (0, 1, 0), (0, 0, 2)], [(1, 0), (0, 1)])),
+        lambda: jb.Joint(("1:y", "1:rz"), axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+        *(partial(jb.Joint, ("1:y",), offset_m=offset) for offset in ((1, 2), (1, 2, np.nan))),
+        lambda: jb.Joint(("tip",), offset_m=(1, 2, 3)).selection(rod()),
+        lambda: jb.Joint(("1:y", "1:rz"), axes=TURN).selection(rod()),
     ],
 )  # fmt: skip
-def test_impossible_joints_are_refused_in_one_line(broken):
+def test_impossible_joints_and_places_are_refused_in_one_line(broken):
     refused(broken, jb.ModelError)
 
 
@@ -210,3 +156,59 @@ def test_impossible_joints_are_refused_in_one_line(broken):
 def test_the_edge_of_the_cone_is_a_possible_joint(stiffness):
     PAIR.check(stiffness)
     assert np.linalg.eigvalsh(pair_matrix(stiffness)).min() >= 0.0
+
+
+@pytest.mark.parametrize("key", COORDINATES)
+@pytest.mark.parametrize("stiffness", [[0.0, 0.0, 0.0], [1e8, 0.0, 0.0], [1e8, -2e8, 1e6], [1e9, 1e9, 1e6], TABLE_3])
+def test_any_joint_has_a_positive_definite_one_near_that_has_coordinates(key, stiffness):
+    parametrisation = jb.parametrisation_named(key)
+    near = parametrisation.nearest(stiffness)
+    assert parametrisation.describes(near)
+    size = np.sqrt(near[[0, 2]])
+    assert (np.linalg.eigvalsh(pair_matrix(near) / np.outer(size, size)) > 0).all()
+    assert parametrisation.feasible(parametrisation.coordinates(near))
+    if parametrisation.describes(stiffness) and abs(stiffness[1]) < 0.9 * np.sqrt(stiffness[0] * stiffness[2]):
+        assert_array_equal(near, stiffness)
+
+
+# matrices
+
+K, C, H = np.random.default_rng(1).normal(size=(3, 5, 4, 4))
+OMEGA = np.array([3.0, 70.0])
+
+
+def test_the_dynamic_stiffness_is_k_plus_j_omega_c_plus_j_h_and_the_damping_alone_has_no_k():
+    found = JointMatrix(K, C, H).dynamic_stiffness(OMEGA)
+    assert_array_equal(found, K[:, None] + 1j * (OMEGA[:, None, None] * C[:, None] + H[:, None]))
+    assert_array_equal(JointMatrix(K, C, H).dissipative.sides, [0 * K, C, H])
+
+
+def test_one_kind_of_damping_alone_leaves_the_other_at_zero():
+    assert_array_equal(JointMatrix(K, viscous=C).sides, [K, C, 0 * K])
+    assert_array_equal(JointMatrix(K, hysteretic=H).sides, [K, 0 * K, H])
+    assert_array_equal(JointMatrix(K).sides, [K, 0 * K, 0 * K])
+    damped = [JointMatrix(K, viscous=C).damped, JointMatrix(K, hysteretic=H).damped, JointMatrix(K).damped]
+    assert damped == [True, True, False]
+
+
+@pytest.mark.parametrize("sides", [(K,), (K, C, H)])
+def test_what_is_done_to_a_batch_is_done_to_each_of_its_matrices(sides):
+    joints = JointMatrix(*sides)
+    assert (len(joints), joints.size, joints.damped) == (5, 4, len(sides) == 3)
+    for found, given in zip(joints[1:3].block(slice(1, 3)).sides, sides, strict=False):
+        assert_array_equal(found, given[1:3, 1:3, 1:3])
+    assert_array_equal(joints[2].batch.stiffness, K[2:3])
+    assert_array_equal(joints[2].repeated(3).stiffness, K[[2, 2, 2]])
+    moved = joints[0].moved(joints, -0.5)
+    for found, given in zip(moved.sides, sides, strict=False):
+        assert_array_equal(found, given[0] - 0.5 * given)
+    assert moved.damped == joints.damped
+
+
+def test_motions_are_linked_where_any_of_the_three_is_not_zero_and_an_array_is_a_joint_without_damping():
+    k, c, h = np.zeros((3, 2, 3, 3))
+    k[0, 0, 0], c[1, 1, 2], h[0, 2, 1] = 1.0, 1.0, 1.0
+    assert np.argwhere(JointMatrix(k, c, h).linked).tolist() == [[0, 0], [1, 2], [2, 1]]
+    assert joint_matrix_of(K.tolist()).stiffness.shape == (5, 4, 4)
+    joints = JointMatrix(K)
+    assert joint_matrix_of(joints) is joints

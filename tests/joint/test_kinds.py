@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import jointbayes as jb
@@ -20,6 +20,7 @@ from jointbayes.joint import (
 )
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
 from tests.one_line import refused
+from tests.oracles import differences
 from vibrecords import FrequencyData
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -28,10 +29,7 @@ TWO = jb.blocks_of({"left": jb.LogStiffness(), "right": jb.SignedCoupling()})
 SHARED = jb.blocks_of({"a": jb.LogStiffness(), "b": "a", "c": SPRINGS, "d": Rigid(2), "e": ElasticCentre()})
 DAMPED = jb.Damped(jb.LogStiffness(), ("k22",), ("k11",))
 KINDS = {key: jb.parametrisation_named(key) for key in COORDINATES} | {
-    "full of 1": jb.parametrisation_named("full", ("rz",)),
-    "full of 2": jb.parametrisation_named("full", ("y", "rz")),
-    "full of 3": jb.parametrisation_named("full", ("x", "y", "rz")),
-    "full of 6": jb.parametrisation_named("full", DIRECTIONS),
+    **{f"full of {len(d)}": jb.FullStiffness(d) for d in (("rz",), ("y", "rz"), ("x", "y", "rz"), DIRECTIONS)},
     "springs": SPRINGS,
     "one spring of a pair": jb.PlainSprings(("k22",)),
     "rigid": Rigid(3),
@@ -79,13 +77,12 @@ def test_the_derivative_and_its_volume_are_those_of_the_stiffness(kind, seed):
     theta = theta_of(kind, seed)
     exact, d = kind.derivative(theta), len(kind.axes)
     assert exact.shape == (len(kind.quantities), d)
-    size = np.abs(exact).max(axis=1, initial=0.0)
+    size = np.abs(exact).max(axis=1, initial=0.0, keepdims=True)
     size[size == 0] = 1.0  # of a motion that is held
-    for i, step in enumerate(1e-5 * np.eye(d)):
-        difference = (kind.values(theta + step) - kind.values(theta - step)) / 2e-5
-        np.testing.assert_allclose(exact[:, i] / size, difference / size, atol=1e-7)
+    slopes = differences(kind.values, theta).reshape(d, len(exact)).T
+    np.testing.assert_allclose(exact / size, slopes / size, atol=1e-7)
     if len(kind.quantities) == d:
-        sign, log_slope = np.linalg.slogdet(exact / size[:, None])
+        sign, log_slope = np.linalg.slogdet(exact / size)
         assert sign != 0
         assert kind.log_slope(theta) == pytest.approx(log_slope + np.log(size).sum(), abs=1e-8)
 
@@ -106,6 +103,79 @@ def test_the_compliance_leads_back_with_the_volume_it_states(kind, seed):
     _, log_determinant = np.linalg.slogdet(jacobian)
     expected = -log_determinant - np.log(size).sum() if theta.size else 0.0
     assert coordinates.log_volume(theta[None])[0] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("key", [*COORDINATES, "full of 1", "full of 2", "full of 3", "full of 6", "springs", "two"])
+@FEW
+@given(SEEDS)
+def test_determinant_and_compliance_are_those_of_the_joint_matrix(key, seed):
+    kind = KINDS[key]
+    theta = theta_of(kind, seed)
+    matrix = kind.matrix(kind.values(theta)).stiffness
+    size = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(size, size)
+    determinant = np.linalg.slogdet(scaled)[1] + 2 * np.log(size).sum()
+    assert kind.log_determinant(theta) == pytest.approx(determinant, abs=1e-6)
+    compliance = kind.matrix(ComplianceCoordinates(kind).forward(theta[None])[0]).stiffness
+    np.testing.assert_allclose(compliance * np.outer(size, size) @ scaled, np.eye(len(size)), atol=1e-6)
+
+
+LN_K = st.floats(np.log(1e2), np.log(1e12))
+
+
+@given(LN_K, LN_K, st.floats(-3.0, 3.0))
+def test_coordinates_are_feasible_exactly_where_the_joint_is_positive_definite(ln_k11, ln_k22, rho):
+    assume(abs(rho) > 0.01)
+    assume(abs(abs(rho) - 1) > 1e-9)
+    log = [ln_k11, (ln_k11 + ln_k22) / 2 + np.log(abs(rho)), ln_k22]
+    for kind, theta in ((jb.LogStiffness(), log), (jb.SignedCoupling(), [ln_k11, ln_k22, rho])):
+        stiffness = kind.values(np.array(theta))
+        size = np.sqrt(stiffness[[0, 2]])
+        definite = (np.linalg.eigvalsh(pair_matrix(stiffness) / np.outer(size, size)) > 0).all()
+        assert kind.feasible(np.array(theta)) == definite
+
+
+@given(LN_K, st.floats(-1.0, 1.0), LN_K)
+def test_a_joint_acts_at_its_elastic_centre_without_coupling(ln_k11, arm, ln_k22c):
+    """Motion of the centre y + a φ gives the force k11 (y + a φ) and no moment about it."""
+    to_centre = np.array([[1.0, arm], [0.0, 1.0]])
+    about_centre = to_centre.T @ np.diag(np.exp([ln_k11, ln_k22c])) @ to_centre
+    np.testing.assert_allclose(pair_matrix(ElasticCentre().values([ln_k11, arm, ln_k22c])), about_centre, rtol=1e-12)
+
+
+@pytest.mark.parametrize("key", COORDINATES)
+def test_a_parametrisation_says_what_its_coordinates_are(key):
+    kind, theta = KINDS[key], KINDS[key].coordinates(TABLE_3)
+    assert kind.names == tuple(axis.name for axis in kind.axes)
+    assert {axis.quantity for axis in kind.axes} == {quantity.name for quantity in PAIR.quantities}
+    for quantity, k in zip(PAIR.quantities, TABLE_3, strict=True):
+        column = kind.names.index(kind.standing_for(quantity.name))
+        if quantity.name in kind.names:  # a stiffness among the coordinates is there by its logarithm
+            assert kind.axes[column].value(theta[column]) == pytest.approx(k, rel=1e-12)
+            assert (kind.axes[column].unit, kind.axes[column].label) == (quantity.unit, f"ln {quantity.name}")
+        else:
+            assert quantity.name in kind.derived
+    others = [(a.name, a.unit, a.label, a.axis_label, a.bounded) for a in kind.axes if not a.logarithmic]
+    expected = {"signed": [("rho", "1", "ρ", "ρ", True)], "elastic_centre": [("arm", "m", "arm", "arm (m)", False)]}
+    assert others == expected.get(key, [])
+
+
+@pytest.mark.parametrize(
+    ("phi", "log", "signed"),
+    [
+        ([2e-10, -1e-11, 1e-6], True, True),
+        *(([2e-10, c12, 1e-6], False, True) for c12 in (1e-11, 0.0)),  # k12 ≤ 0
+        *((phi, False, False) for phi in ([-2e-10, -1e-11, 1e-6], [2e-10, -1e-11, -1e-6])),
+        ([-2e-10, -1e-11, -1e-6], False, False),  # positive determinant, negative definite
+        *(([2e-10, c12, 1e-6], False, False) for c12 in (-2e-8, 2e-8)),  # c12² > c11 c22
+    ],
+)
+def test_the_coordinates_know_which_compliances_are_joints(phi, log, signed):
+    for kind, expected in ((jb.LogStiffness(), log), (jb.SignedCoupling(), signed), (ElasticCentre(), signed)):
+        theta, inside = ComplianceCoordinates(kind).inverse(np.array([phi]))
+        assert inside.tolist() == [expected]
+        assert np.isfinite(theta).all()  # meaningless where outside, but no warning and no NaN
+        assert not expected or kind.feasible(theta).all()
 
 
 @pytest.mark.parametrize("damping", [-0.1, 0.0])
@@ -136,20 +206,12 @@ def test_batches_are_the_same_as_one_by_one(kind):
 @given(st.integers(1, 6), SEEDS)
 def test_every_positive_definite_matrix_is_a_full_joint(r, seed):
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(r, r)) + 0.1 * np.eye(r)
-    size = np.exp(rng.normal(10, 3, r))
-    matrix = (root @ root.T + 1e-3 * np.eye(r)) * np.outer(size, size)
+    root, size = rng.normal(size=(r, r)) + 0.1 * np.eye(r), np.exp(rng.normal(10, 3, r))
+    matrix, scale = (root @ root.T + 1e-3 * np.eye(r)) * np.outer(size, size), np.outer(size, size)
     full = jb.FullStiffness(DIRECTIONS[:r])
-    stiffness = full.values_of_matrix(matrix)
-    theta = full.coordinates(stiffness)
+    theta = full.coordinates(full.values_of_matrix(matrix))
     assert full.feasible(theta)
-    scale = np.outer(size, size)
     np.testing.assert_allclose(full.matrix(full.values(theta)).stiffness / scale, matrix / scale, atol=1e-9)
-    _, log_determinant = np.linalg.slogdet(matrix / scale)
-    assert full.log_determinant(theta) == pytest.approx(log_determinant + 2 * np.log(size).sum(), abs=1e-6)
-    inverse = np.linalg.inv(matrix / scale)
-    compliance = full.matrix(full.compliance(theta[None])[0]).stiffness * scale
-    np.testing.assert_allclose(compliance, inverse, rtol=1e-6, atol=1e-6 * np.abs(inverse).max())
 
 
 def test_a_full_joint_of_two_motions_is_the_coupled_pair():
@@ -182,9 +244,7 @@ def test_springs_are_named_after_their_directions_and_stand_on_the_diagonal():
 def test_a_rigid_joint_has_no_quantity_and_holds_every_motion():
     rigid = Rigid(3)
     assert (rigid.names, rigid.quantities, rigid.size) == ((), (), 3)
-    np.testing.assert_array_equal(
-        rigid.matrix(np.empty((4, 0))).stiffness, np.broadcast_to(RIGID * np.eye(3), (4, 3, 3))
-    )
+    np.testing.assert_array_equal(rigid.matrix(np.empty((4, 0))).stiffness, np.tile(RIGID * np.eye(3), (4, 1, 1)))
 
 
 # ---- several joints
@@ -230,11 +290,10 @@ def test_a_hypothesis_is_that_of_every_joint():
     assert joint_under_hypothesis(TWO, "translation").names == ("left.k11", "right.k11")
     assert joint_under_hypothesis(SHARED, "rotation").names == ("a.k22", "c.krz", "e.k22")
     assert all(joint_under_hypothesis(TWO, name).size == TWO.size for name in HYPOTHESES)
-    full = jb.parametrisation_named("full", ("x", "y", "rz"))
+    full = KINDS["full of 3"]
     assert joint_under_hypothesis(full, "translation").names == ("k11", "k22")
-    np.testing.assert_array_equal(
-        joint_under_hypothesis(full, "springs").matrix(full.rigid).stiffness, RIGID * np.eye(3)
-    )
+    springs = joint_under_hypothesis(full, "springs")
+    np.testing.assert_array_equal(springs.matrix(full.rigid).stiffness, RIGID * np.eye(3))
 
 
 @pytest.mark.parametrize(
@@ -247,16 +306,13 @@ def test_a_hypothesis_is_that_of_every_joint():
         lambda: TWO.check(np.ones(3)),
         lambda: TWO.coordinates(np.array([1.0, 0.5, 1.0, 1.0, 0.0, -1.0])),
         lambda: jb.PlainSprings(("krz", "kx"), spring_stiffnesses(("x", "rz"))),
-        lambda: jb.PlainSprings(("k22", "k11")),
-        lambda: jb.PlainSprings(("k12",)),
-        lambda: jb.PlainSprings(("k11", "k11")),
+        *(lambda names=names: jb.PlainSprings(names) for names in (("k22", "k11"), ("k12",), ("k11", "k11"))),
         lambda: jb.PlainSprings().coordinates([1e9, 0.0, 0.0]),
         lambda: jb.PlainSprings(("k11",)).coordinates([np.nan, 0.0, 1.0]),
         lambda: FULL.check(INDEFINITE),
         lambda: FULL.coordinates(INDEFINITE),
         lambda: FULL.check([1.0, 2.0]),
-        lambda: jb.FullStiffness(("w",)),
-        lambda: jb.FullStiffness(()),
+        *(lambda ways=ways: jb.FullStiffness(ways) for ways in (("w",), ())),
     ],
 )
 def test_impossible_joints_are_refused_in_one_line(broken):
@@ -265,42 +321,32 @@ def test_impossible_joints_are_refused_in_one_line(broken):
 
 # ---- springs without coupling
 
-PLAIN_PAIRS = [jb.PlainSprings(names) for names in [(), ("k11",), ("k22",), ("k11", "k22")]]
-PLAIN = pytest.mark.parametrize("springs", PLAIN_PAIRS, ids=["0", "k11", "k22", "both"])
-LN_K = st.floats(np.log(1e2), np.log(1e12))
-
-
-def theta_of_springs(springs, ln_k11, ln_k22):
-    return np.array([{"k11": ln_k11, "k22": ln_k22}[name] for name in springs.names])
+PLAIN = pytest.mark.parametrize("names", [(), ("k11",), ("k22",), ("k11", "k22")])
+KNOWN = {"k11": 3e8, "k22": 2e5}
 
 
 @PLAIN
-@FEW
-@given(LN_K, LN_K)
-def test_named_springs_are_coordinates_and_the_others_rigid(springs, ln_k11, ln_k22):
-    theta = theta_of_springs(springs, ln_k11, ln_k22)
-    k11, k12, k22 = springs.values(theta)
-    assert k12 == 0.0
-    assert k11 == (pytest.approx(np.exp(ln_k11), rel=1e-13) if "k11" in springs.names else RIGID)
-    assert k22 == (pytest.approx(np.exp(ln_k22), rel=1e-13) if "k22" in springs.names else RIGID)
-    np.testing.assert_allclose(springs.coordinates([k11, k12, k22]), theta, rtol=1e-13)
+def test_named_springs_are_coordinates_and_the_others_rigid(names):
+    springs, theta = jb.PlainSprings(names), np.log([KNOWN[name] for name in names])
+    expected = [KNOWN["k11"] if "k11" in names else RIGID, 0.0, KNOWN["k22"] if "k22" in names else RIGID]
+    np.testing.assert_allclose(springs.values(theta), expected, rtol=1e-13)
+    np.testing.assert_allclose(springs.coordinates(expected), theta, rtol=1e-13)
     assert springs.feasible(theta)
     assert springs.log_determinant(theta) == pytest.approx(theta.sum(), rel=1e-13)
-    assert PAIR.is_positive_semidefinite([k11, k12, k22])
+    assert PAIR.is_positive_semidefinite(expected)
 
 
 def test_a_compliance_that_is_not_positive_is_no_spring():
-    theta, inside = ComplianceCoordinates(jb.PlainSprings()).inverse(
-        np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]])
-    )
+    compliance = np.array([[1e-9, -1e-6], [0.0, 1e-6], [1e-9, 1e-6]])
+    theta, inside = ComplianceCoordinates(jb.PlainSprings()).inverse(compliance)
     assert inside.tolist() == [False, False, True]
     assert np.isfinite(theta).all()
 
 
 @PLAIN
-def test_the_mode_search_finds_the_springs_that_made_the_data(springs):
+def test_the_mode_search_finds_the_springs_that_made_the_data(names):
     """Also without any coordinate, where there is nothing to find."""
-    theta = theta_of_springs(springs, np.log(3e8), np.log(2e5))
+    springs, theta = jb.PlainSprings(names), np.log([KNOWN[name] for name in names])
     made = NaturalFrequencies(rod(elements=4), CLAMP, 3).frequency_hz(pair_matrix(springs.values(theta)))[0]
     measurement = FrequencyData(made, np.full(3, 0.01))
     marginals = {"k11": jb.Uniform(np.log(1e6), np.log(1e11)), "k22": jb.Uniform(np.log(1e3), np.log(1e8))}
