@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.frf import LowRankCoupling, NoisePropagation, receptance_model
@@ -11,6 +12,7 @@ from jointbayes.joint import JointMatrix, Joints, joint_matrix_of
 from jointbayes.structure import Rayleigh, ViscousMatrix, beam
 from tests.conftest import STEEL
 from tests.one_line import refused
+from tests.oracles import off_peak
 from vibrecords import FrfSet
 
 LINES = np.arange(40.0, 1200.0, 20.0)
@@ -22,6 +24,9 @@ TWO = Joints((replace(TAPER, name="taper"), jb.Joint(("3:y",), ("s4:y",), name="
 K_TWO = np.array([[2e8, 3e6, 0], [3e6, 1e5, 0], [0, 0, 4e6]])
 #: The same with a dashpot in the ring and a loss factor of the taper.
 DAMPED_TWO = JointMatrix(K_TWO, np.diag([0, 0, 900.0]), 0.2 * K_TWO * [[1, 1, 0], [1, 1, 0], [0, 0, 0]])
+
+
+PORTS = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
 
 
 def tool(damping=None) -> jb.Structure:
@@ -55,35 +60,23 @@ def at_line(joint: np.ndarray, omega: float) -> np.ndarray:
 def dense(bodies, joint, k, outputs, inputs, omega=OMEGA) -> np.ndarray:
     """Receptance of all bodies assembled, by one dense solution of each line."""
     labels = [label for body in bodies for label in body.dofs]
-    deformation = np.zeros((len(labels), joint.size))
-    row = 0
+    deformation, row = np.zeros((len(labels), joint.size)), 0
     for one in getattr(joint, "joints", (joint,)):
-        for i, label in enumerate(one.dofs):
-            deformation[labels.index(label), row + i] = 1.0
-        for i, label in enumerate(one.against):
-            deformation[labels.index(label), row + i] = -1.0
+        for sign, dofs in ((1.0, one.dofs), (-1.0, one.against)):
+            deformation[[labels.index(label) for label in dofs], row + np.arange(len(dofs))] = sign
         row += one.size
+    forces, seen = (np.eye(len(labels))[:, [labels.index(label) for label in at]] for at in (inputs, outputs))
     out = []
     for w in omega:
-        z = np.zeros((len(labels), len(labels)), dtype=complex)
-        start = 0
-        for body in bodies:
-            end = start + body.n_dofs
-            z[start:end, start:end] = dynamic_stiffness(body, w)
-            start = end
-        z += deformation @ at_line(k, w) @ deformation.T
-        x = np.linalg.solve(z, np.eye(len(labels))[:, [labels.index(label) for label in inputs]])
-        out.append(x[[labels.index(label) for label in outputs]])
+        z = linalg.block_diag(*(dynamic_stiffness(body, w) for body in bodies))
+        out.append(seen.T @ np.linalg.solve(z + deformation @ at_line(k, w) @ deformation.T, forces))
     return np.array(out)
 
 
 def frfs_of(structure: jb.Structure, dofs, quantity="receptance", frequency_hz=LINES) -> FrfSet:
     """Exact FRFs of a body by itself."""
-    values = []
-    for f in frequency_hz:
-        inverse = np.linalg.inv(dynamic_stiffness(structure, 2 * np.pi * f))
-        at = structure.index(dofs)
-        values.append(inverse[np.ix_(at, at)])
+    at = np.ix_(*[structure.index(dofs)] * 2)
+    values = [np.linalg.inv(dynamic_stiffness(structure, 2 * np.pi * f))[at] for f in frequency_hz]
     return FrfSet(frequency_hz, np.array(values), tuple(dofs), tuple(dofs)).converted(quantity)
 
 
@@ -92,69 +85,26 @@ def measured_spindle(dofs=("s5:y", "s5:rz", "s4:y"), sd=0.01, quantity="receptan
     return jb.MeasuredBody.of(frf, (sd * np.abs(frf.values)) ** 2, "spindle")
 
 
-def error_of_peak(found, truth) -> float:
-    return float((np.abs(found - truth).max(axis=0) / np.abs(truth).max(axis=0)).max())
+def coupled(body, joint=TAPER, ports=PORTS, model=None):
+    """The tool with a measured body, or several, at a joint."""
+    bodies = body if isinstance(body, tuple) else (body,)
+    return receptance_model(jb.Substructures(model or tool(), bodies), joint, ports)
 
 
 @pytest.mark.parametrize(("joint", "k"), [(TAPER, K_PAIR), (TWO, K_TWO), (TWO, DAMPED_TWO)])
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
 def test_a_body_with_exact_frfs_couples_as_if_it_were_modelled(joint, k, quantity):
     ports = jb.Ports(LINES, ("7:y", "3:rz", "s4:y"), ("7:y", "s5:y"))
-    model = receptance_model(jb.Substructures(tool(), (measured_spindle(quantity=quantity),)), joint, ports)
-    truth = dense((tool(), spindle()), joint, k, ports.outputs, ports.inputs)
-    assert error_of_peak(model.receptance(k)[0], truth) < 1e-10
+    found = coupled(measured_spindle(quantity=quantity), joint, ports).receptance(k)[0]
+    assert off_peak(found, dense((tool(), spindle()), joint, k, ports.outputs, ports.inputs)) < 1e-10
 
 
 def test_both_bodies_may_be_measured_but_for_a_model_that_no_joint_touches():
     outside = jb.Structure(np.eye(1) * 1e6, np.eye(1), jb.LossFactor(0.1), ("99:y",))
     blank = frfs_of(tool(), ("1:y", "1:rz", "7:y"))
     bodies = (jb.MeasuredBody.of(blank, np.zeros(blank.values.shape), "tool"), measured_spindle())
-    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
-    found = receptance_model(jb.Substructures(outside, bodies), TAPER, ports).receptance(K_PAIR)[0]
-    assert error_of_peak(found, dense((tool(), spindle()), TAPER, K_PAIR, ports.outputs, ports.inputs)) < 1e-10
-
-
-def test_modal_damping_is_that_of_the_modelled_body_by_itself():
-    ratios = (0.01, 0.03)
-    free = tool(jb.ModalDamping(ratios))
-    modes = free.modes()
-    elastic = modes.eigenvalues > 0
-    zeta = np.zeros(free.n_dofs)
-    zeta[elastic] = [*ratios, *[ratios[-1]] * (elastic.sum() - 2)]
-    c = free.mass @ modes.shapes @ np.diag(2 * zeta * np.sqrt(modes.eigenvalues)) @ modes.shapes.T @ free.mass
-    ports = jb.Ports(LINES, ("7:y",), ("7:y", "3:y"))
-    found = LowRankCoupling(jb.Substructures(free, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)[0]
-    labels = (*free.dofs, *spindle().dofs)
-    at = [labels.index(label) for label in ("1:y", "1:rz", "s5:y", "s5:rz")]
-    b = np.zeros((len(labels), 2))
-    b[at[:2]], b[at[2:]] = np.eye(2), -np.eye(2)
-    for line, w in enumerate(OMEGA):
-        z = np.zeros((len(labels), len(labels)), dtype=complex)
-        n = free.n_dofs
-        z[:n, :n] = free.stiffness - w**2 * free.mass + 1j * w * c
-        z[n:, n:] = dynamic_stiffness(spindle(), w)
-        x = np.linalg.inv(z + b @ K_PAIR @ b.T)
-        want = x[np.ix_([labels.index("7:y")], [labels.index("7:y"), labels.index("3:y")])]
-        assert np.abs(found[line] - want).max() < 1e-8 * np.abs(found).max()
-
-
-@pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.03)), jb.LossFactor(0.02)], ids=["modal", "loss factor"])
-@pytest.mark.parametrize("k", [K_TWO, DAMPED_TWO], ids=["undamped joint", "damped joint"])
-def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k):
-    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, law, elements=6)
-    family, factors = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
-    ports, body = jb.Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
-    model = receptance_model(jb.Substructures(family, (body,)), TWO, ports)
-    sides = k.sides if isinstance(k, JointMatrix) else (k,)
-    batch = JointMatrix(*(np.stack([side, 1.1 * side, 0.9 * side]) for side in sides))
-    found, noise = model.receptance(batch, factors), NoisePropagation(model).covariance(batch, factors)
-    for i, row in enumerate(factors):
-        one = with_matrix(family.structure(row))
-        truth = dense((one, spindle()), TWO, batch[i], ports.outputs, ports.inputs, ports.omega)
-        assert error_of_peak(found[i], truth) < 3e-5  # modes far above the lines answer without damping
-        alone = receptance_model(jb.Substructures(one, (body,)), TWO, ports)
-        want = NoisePropagation(alone).covariance(batch[i])[0]
-        assert np.abs(noise[i] - want).max() < 1e-4 * np.abs(want).max()
+    found = coupled(bodies, model=outside).receptance(K_PAIR)[0]
+    assert off_peak(found, dense((tool(), spindle()), TAPER, K_PAIR, PORTS.outputs, PORTS.inputs)) < 1e-10
 
 
 def with_matrix(structure: jb.Structure) -> jb.Structure:
@@ -170,6 +120,31 @@ def with_matrix(structure: jb.Structure) -> jb.Structure:
     return replace(structure, damping=ViscousMatrix((weighted * rate) @ weighted.T))
 
 
+def test_modal_damping_is_that_of_the_modelled_body_by_itself():
+    free, ports = tool(jb.ModalDamping((0.01, 0.03))), jb.Ports(LINES, ("7:y",), ("7:y", "3:y"))
+    found = LowRankCoupling(jb.Substructures(free, (measured_spindle(),)), TAPER, ports).receptance(K_PAIR)[0]
+    truth = dense((with_matrix(free), spindle()), TAPER, K_PAIR, ports.outputs, ports.inputs)
+    assert np.abs(found - truth).max() < 1e-8 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("law", [jb.ModalDamping((0.01, 0.03)), jb.LossFactor(0.02)], ids=["modal", "loss factor"])
+@pytest.mark.parametrize("k", [K_TWO, DAMPED_TWO], ids=["undamped joint", "damped joint"])
+def test_uncertain_models_of_any_damping_in_a_batch_are_those_of_each_row(law, k):
+    recipe = jb.BeamRecipe(0.18, jb.Section.circle(0.02), STEEL, law, elements=6)
+    family, factors = jb.BeamFamily(recipe, {"youngs_modulus": (-0.1, 0.1)}), np.array([[1.0], [1.05], [0.97]])
+    ports, body = jb.Ports(LINES[::8], ("7:y", "s4:y"), ("7:y",)), measured_spindle().at_lines(LINES[::8])
+    model = coupled(body, TWO, ports, family)
+    sides = k.sides if isinstance(k, JointMatrix) else (k,)
+    batch = JointMatrix(*(np.stack([side, 1.1 * side, 0.9 * side]) for side in sides))
+    found, noise = model.receptance(batch, factors), NoisePropagation(model).covariance(batch, factors)
+    for i, row in enumerate(factors):
+        one = with_matrix(family.structure(row))
+        truth = dense((one, spindle()), TWO, batch[i], ports.outputs, ports.inputs, ports.omega)
+        assert off_peak(found[i], truth) < 3e-5  # modes far above the lines answer without damping
+        want = NoisePropagation(coupled(body, TWO, ports, one)).covariance(batch[i])[0]
+        assert np.abs(noise[i] - want).max() < 1e-4 * np.abs(want).max()
+
+
 def test_sensors_beside_the_joint_see_it_through_a_rigid_link():
     """Two translations of a rigid block, 10 and 30 mm from its face, give translation and rotation at the face."""
     block = jb.Structure(np.diag([2e7, 3e4]), np.diag([4.0, 0.02]), jb.LossFactor(0.05), ("b:y", "b:rz"))
@@ -182,10 +157,8 @@ def test_sensors_beside_the_joint_see_it_through_a_rigid_link():
     assert np.allclose(body.receptance, at_face.values, rtol=1e-9, atol=1e-9 * np.abs(at_face.values).max())
     # the errors of the three receptances, propagated by hand: A′ = T A Tᵀ entry by entry
     t = np.array([[1.5, -0.5], [-50.0, 50.0]])
-    rng = np.random.default_rng(1)
-    draws = np.array([[0, 0], [0, 1], [1, 1]])
-    noise = np.zeros((20000, 2, 2))
-    for i, j in draws:
+    rng, noise = np.random.default_rng(1), np.zeros((20000, 2, 2))
+    for i, j in ((0, 0), (0, 1), (1, 1)):
         noise[:, i, j] = noise[:, j, i] = rng.standard_normal(20000) * np.sqrt(_averaged(variance)[0, i, j])
     moved = t @ noise @ t.T
     entries = np.stack([moved[:, 0, 0], moved[:, 0, 1], moved[:, 1, 1]])
@@ -204,24 +177,21 @@ def test_an_offset_of_the_joint_is_a_rigid_link_of_the_measured_body():
     ports = jb.Ports(LINES, ("7:y",), ("7:y",))
     body = measured_spindle(("s5:y", "s5:rz"))
     moved = body.seen_at({"t:y": {"s5:y": 1.0, "s5:rz": 0.02}, "t:rz": {"s5:rz": 1.0}})
-    by_joint = receptance_model(
-        jb.Substructures(tool(), (body,)), replace(TAPER, offset_against_m=(0.02, 0.0, 0.0)), ports
-    )
-    by_body = receptance_model(jb.Substructures(tool(), (moved,)), replace(TAPER, against=("t:y", "t:rz")), ports)
-    assert error_of_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
+    by_joint = coupled(body, replace(TAPER, offset_against_m=(0.02, 0.0, 0.0)), ports)
+    by_body = coupled(moved, replace(TAPER, against=("t:y", "t:rz")), ports)
+    assert off_peak(by_joint.receptance(K_PAIR)[0], by_body.receptance(K_PAIR)[0]) < 1e-12
 
 
 @pytest.mark.long
 @pytest.mark.science
 def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
     """Against Monte Carlo: bodies with drawn errors, coupled one by one by the dense reference formula."""
-    ports = jb.Ports(LINES[[5, 20, 40]], ("7:y", "s4:y"), ("7:y",))
+    ports = replace(PORTS, frequency_hz=LINES[[5, 20, 40]])
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
     mix = np.random.default_rng(5).normal(size=(6, 6))
     size = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
     body = replace(body, covariance=(size[:, :, None] * (mix @ mix.T / 6)) * size[:, None, :])
-    model = receptance_model(jb.Substructures(tool(), (body,)), TWO, ports)
-    found = NoisePropagation(model).covariance(DAMPED_TWO)[0]
+    found = NoisePropagation(coupled(body, TWO, ports)).covariance(DAMPED_TWO)[0]
     rng, count = np.random.default_rng(3), 4000
     root = np.linalg.cholesky(body.covariance)
     a, b = np.triu_indices(3)
@@ -231,7 +201,7 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
         delta = np.zeros((3, 3, 3), dtype=complex)
         delta[:, a, b] = delta[:, b, a] = (root @ white[..., None])[..., 0]
         noisy = replace(body, receptance=body.receptance + delta)
-        values[i] = receptance_model(jb.Substructures(tool(), (noisy,)), TWO, ports).receptance(DAMPED_TWO)[0, :, :, 0]
+        values[i] = coupled(noisy, TWO, ports).receptance(DAMPED_TWO)[0, :, :, 0]
     values -= values.mean(axis=0)
     sampled = np.einsum("nlp,nlq->lpq", values, values.conj()) / count
     size = np.sqrt(np.abs(np.diagonal(found, axis1=1, axis2=2)))
@@ -246,7 +216,7 @@ def test_the_propagated_covariance_is_that_of_the_frfs_of_noisy_bodies():
 def test_the_relative_deviation_of_the_denominator_is_that_of_noisy_bodies(joint):
     ports = jb.Ports(LINES[[5, 20, 40]], ("7:y",), ("7:y",))
     body = measured_spindle(sd=1e-3).at_lines(ports.frequency_hz)
-    model = receptance_model(jb.Substructures(tool(), (body,)), TWO, ports)
+    model = coupled(body, TWO, ports)
     found = NoisePropagation(model).relative_sd(joint)[0]
     k = np.array([at_line(joint, w) for w in ports.omega])
     rng, a, b = np.random.default_rng(4), *np.triu_indices(3)
@@ -268,28 +238,21 @@ def test_two_frfs_of_one_pair_are_averaged_by_their_variances_and_compared():
     variance = (0.01 * np.abs(frf.values)) ** 2
     variance[:, 0, 1] *= 4
     noise = rng.standard_normal((*variance.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
-    body = jb.MeasuredBody.of(replace(frf, values=frf.values + noise), variance, "spindle")
     noisy = frf.values + noise
+    body = jb.MeasuredBody.of(replace(frf, values=noisy), variance, "spindle")
     assert np.allclose(body.receptance[:, 0, 1], 0.2 * noisy[:, 0, 1] + 0.8 * noisy[:, 1, 0])
     assert np.allclose(body.covariance[:, 1, 1], 0.8 * variance[:, 1, 0])
     assert body.discrepancy == pytest.approx(1.0, abs=4 / np.sqrt(len(LINES)))
+    # reciprocity gives the FRF that was not measured; that of the second drive point it cannot
     one_way = frf.select(("s5:y", "s5:rz"), ("s5:y",))
-    assert measured_one_way(one_way) is None
-
-
-def measured_one_way(frf):
-    """Reciprocity gives the FRF that was not measured; that of the second drive point it cannot."""
     with pytest.raises(jb.MeasurementError, match=r"no FRF between s5:rz and s5:rz; expected one way round"):
-        jb.MeasuredBody.of(frf, np.ones(frf.values.shape))
+        jb.MeasuredBody.of(one_way, np.ones(one_way.values.shape))
 
 
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
-        (
-            lambda: jb.MeasuredBody.of(_turned(), np.ones((58, 2, 2))),
-            "change places; expected them equal by reciprocity",
-        ),
+        (lambda: jb.MeasuredBody.of(_turned(), np.ones((58, 2, 2))), "change places; expected them equal by"),
         (lambda: jb.MeasuredBody.of(frfs_of(spindle(), ("s5:y",)), -np.ones((58, 1, 1))), "0 or more"),
         (lambda: measured_spindle().at_lines(LINES[:5] + 1.0), "nothing is interpolated; measure both"),
         (lambda: measured_spindle().seen_at({"t:y": {"s9:y": 1.0}}), "found s9:y in the motion t:y; expected one of"),
@@ -301,7 +264,7 @@ def measured_one_way(frf):
         (lambda: replace(measured_spindle(), dofs=("a", "a", "b")), "each label once"),
         (lambda: replace(measured_spindle(), frequency_hz=LINES[::-1]), "lines that do not increase"),
         (lambda: replace(measured_spindle(), frequency_hz=np.minimum(LINES, 1000.0)), "lines that do not increase"),
-        (lambda: _coupled(jb.Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
+        (lambda: coupled(measured_spindle(), jb.Joint(("1:y",), ("s9:y",))), "found DOF 's9:y'"),
     ],
 )
 def test_what_cannot_be_a_measured_body_is_refused_in_one_line(broken, words):
@@ -312,10 +275,6 @@ def _turned() -> FrfSet:
     """A sensor that points the other way as a response than as a force."""
     frf = frfs_of(spindle(), ("s5:y", "s5:rz"))
     return replace(frf, values=frf.values * np.array([[1.0, 1.0], [-1.0, 1.0]]))
-
-
-def _coupled(joint):
-    return receptance_model(jb.Substructures(tool(), (measured_spindle(),)), joint, jb.Ports(LINES, ("7:y",), ("7:y",)))
 
 
 def test_lines_of_the_data_may_be_some_of_the_lines_of_the_body():

@@ -7,22 +7,19 @@ import pytest
 from scipy import stats
 
 import jointbayes as jb
-from jointbayes.frf import receptance_model
 from jointbayes.inference import LogPosterior, ProportionalNoise, ScaledNoise
 from tests.conftest import STEEL, lone_likelihood
-from tests.frf.test_measured_body import K_PAIR, LINES, TAPER, measured_spindle, tool
+from tests.frf.test_measured_body import K_PAIR, LINES, PORTS, TAPER, coupled, measured_spindle, tool
+from tests.oracles import differences
 from vibrecords import FrequencyData, FrfData, FrfSet
 
 KNOWN = np.array([2e8, 3e6, 1e5])
 PRIOR = jb.JointPrior(jb.LogStiffness(), tuple(jb.Normal(np.log(k), 1.0) for k in KNOWN))
 
 
-def data(outputs=("7:y", "s4:y"), inputs=("7:y",), quantity="receptance", sd=0.02, structure=None) -> FrfData:
+def data(outputs=("7:y", "s4:y"), inputs=("7:y",), quantity="receptance", sd=0.02) -> FrfData:
     """Noisy FRFs of the assembled structure whose spindle is exactly what was measured."""
-    ports = jb.Ports(LINES, outputs, inputs)
-    exact = receptance_model(structure or jb.Substructures(tool(), (measured_spindle(),)), TAPER, ports).receptance(
-        K_PAIR
-    )
+    exact = coupled(measured_spindle(), ports=jb.Ports(LINES, outputs, inputs)).receptance(K_PAIR)
     rng = np.random.default_rng(7)
     noise = rng.standard_normal((*exact.shape, 2)) @ [1, 1j] / np.sqrt(2)
     frf = FrfSet(LINES, (exact * (1 + sd * noise))[0], outputs, inputs).converted(quantity)
@@ -45,8 +42,8 @@ def numerical_covariance(ports: jb.Ports, body: jb.MeasuredBody, k) -> np.ndarra
             moved[:, i, j] += sign * step
             if i != j:
                 moved[:, j, i] += sign * step
-            ends.append(receptance_model(jb.Substructures(tool(), (replace(body, receptance=moved),)), TAPER, ports))
-        up, down = (model.receptance(k)[0] for model in ends)
+            ends.append(coupled(replace(body, receptance=moved), ports=ports).receptance(k)[0])
+        up, down = ends
         columns.append((up - down) / (2 * step)[:, None, None])
     jacobian = np.stack(columns, axis=-1).reshape(len(ports.frequency_hz), -1, a.size)
     return jacobian @ body.covariance @ jacobian.conj().swapaxes(1, 2)
@@ -57,11 +54,10 @@ def test_the_likelihood_is_the_dense_gaussian_of_data_and_body_errors(quantity):
     """Real and imaginary parts stacked into one real normal of each line, its covariance by differences."""
     measurement = data(quantity=quantity)
     factor = np.abs(measurement.frf.values / data().frf.values)[:, :, 0]
-    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
     found = lone_likelihood(whole(), TAPER, measurement)
     for k in (K_PAIR, 1.3 * K_PAIR):
-        added = numerical_covariance(ports, measured_spindle(), k)
-        predicted = receptance_model(whole(), TAPER, ports).receptance(k)[0, :, :, 0]
+        added = numerical_covariance(PORTS, measured_spindle(), k)
+        predicted = coupled(measured_spindle()).receptance(k)[0, :, :, 0]
         residual = (predicted - data().frf.values[:, :, 0]) * factor
         total = 0.0
         for line in range(len(LINES)):
@@ -107,11 +103,10 @@ def test_noise_models_take_the_whole_noise_for_the_stated_one():
 
 def test_whitened_residuals_of_replicated_data_are_white():
     """Data drawn with drawn errors of the body: E z zᴴ = 1, also between outputs."""
-    ports = jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",))
     body = measured_spindle(sd=1e-3)
     rng, a, b = np.random.default_rng(11), *np.triu_indices(3)
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
-    truth = receptance_model(jb.Substructures(tool(), (body,)), TAPER, ports).receptance(K_PAIR)[0]
+    truth = coupled(body).receptance(K_PAIR)[0]
     variance = (1e-3 * np.abs(truth)) ** 2
     z = []
     for _ in range(60):
@@ -119,7 +114,7 @@ def test_whitened_residuals_of_replicated_data_are_white():
         delta[:, a, b] = delta[:, b, a] = sd * (rng.standard_normal((*sd.shape, 2)) @ [1, 1j]) / np.sqrt(2)
         noise = rng.standard_normal((*truth.shape, 2)) @ [1, 1j] * np.sqrt(variance / 2)
         noisy = jb.Substructures(tool(), (replace(body, receptance=body.receptance + delta),))
-        measurement = FrfData(FrfSet(LINES, truth + noise, ports.outputs, ports.inputs), variance)
+        measurement = FrfData(FrfSet(LINES, truth + noise, PORTS.outputs, PORTS.inputs), variance)
         z.append(lone_likelihood(noisy, TAPER, measurement).standardised(K_PAIR[None])[0])
     second = np.einsum("nlp,nlq->pq", z, np.conj(z)) / (60 * len(LINES))
     assert np.abs(second - np.eye(2)).max() < 4 / np.sqrt(60 * len(LINES))
@@ -139,12 +134,10 @@ def test_residuals_of_one_point_are_those_of_the_batch_and_their_jacobian_is_of_
     roots = log_posterior.likelihood.terms[0].likelihood._roots(
         PRIOR.parametrisation.matrix(np.exp(theta[None, :3])), np.exp(theta[None, 3:])
     )
-    for column in range(4):
-        step = 1e-5 * np.eye(4)[column]
-        up, down = (log_posterior.predicted(theta + s * step)[0] for s in (1, -1))
-        slope = np.linalg.solve(roots[0], ((up - down) / 2e-5).reshape(len(LINES), 2, 1))[..., 0]
-        want = np.sqrt(2) * np.concatenate([slope.real.ravel(), slope.imag.ravel()])
-        assert np.abs(jacobian[:, column] - want).max() < 1e-4 * np.abs(want).max()
+    for slope, column in zip(differences(lambda at: log_posterior.predicted(at)[0], theta), jacobian.T, strict=True):
+        solved = np.linalg.solve(roots[0], slope.reshape(len(LINES), 2, 1))[..., 0]
+        want = np.sqrt(2) * np.concatenate([solved.real.ravel(), solved.imag.ravel()])
+        assert np.abs(column - want).max() < 1e-4 * np.abs(want).max()
 
 
 def test_pointwise_values_add_up_and_are_refused_where_frfs_share_the_noise():
@@ -158,7 +151,7 @@ def test_pointwise_values_add_up_and_are_refused_where_frfs_share_the_noise():
 def test_the_variance_is_that_of_the_data_and_the_propagated_one():
     measurement = data(quantity="accelerance")
     found = lone_likelihood(whole(), TAPER, measurement).variance(K_PAIR[None])[0, :, :, 0]
-    added = numerical_covariance(jb.Ports(LINES, ("7:y", "s4:y"), ("7:y",)), measured_spindle(), K_PAIR)
+    added = numerical_covariance(PORTS, measured_spindle(), K_PAIR)
     omega = 2 * np.pi * LINES[:, None]
     want = measurement.variance[:, :, 0] + np.diagonal(added, axis1=1, axis2=2).real * omega**4
     assert found == pytest.approx(want, rel=1e-5)
