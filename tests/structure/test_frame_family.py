@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.frf import NaturalFrequencies, receptance_model
+from jointbayes.frf import NaturalFrequencies
 from jointbayes.structure import PointMass, Rayleigh
 from tests.one_line import refused
-from tests.structure.dense import worst
 
 STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
 FLEX = jb.Section(1e-3, 1e-6, 1e-6, (1, 1, 1, 1))  # without a torsion constant
@@ -29,60 +27,6 @@ def two_bodies(law=LAWS[0], **more):
     members = (jb.Member(("1", "2"), FLAT, STEEL), jb.Member(("2", "3"), FLAT, STEEL, jb.Section.rectangle(0.02, 0.01)))
     right = jb.FrameBody(places, members, (PointMass("3", 0.05, (1e-5, 2e-5, 1e-5)),))
     return jb.FrameRecipe({"left": left, "right": right}, law, **more)
-
-
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
-def test_two_bodies_with_a_joint_are_those_of_a_dense_solve(law):
-    for stiffness in (SPRINGS, SPRINGS * 1e6):
-        assert worst(jb.FrameFamily(two_bodies(law), {}), BETWEEN, stiffness, PORTS, np.empty((1, 0)), 2500.0) < 1e-7
-
-
-def test_no_mesh_shows_up_to_the_highest_frequency():
-    family = jb.FrameFamily(two_bodies(LAWS[1]), {})
-    ports = replace(PORTS, frequency_hz=np.arange(3000.0, 5000.0, 97.0))
-    found, exact = (receptance_model(f, BETWEEN, ports).receptance(SPRINGS)[0] for f in (family, family.reference()))
-    assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
-
-
-@pytest.mark.science
-@pytest.mark.parametrize(
-    "ranges",
-    [
-        {"youngs_modulus": 0.1, "density": 0.05, "left.length": 0.02, "right.youngs_modulus": 0.05},
-        {"section_size": 0.03, "left.density": 0.05},
-        {"right.section_size": 0.02, "accelerometer_mass": 0.3},
-        {"left.shear_coefficient": 0.1, "left.length": 0.01, "left.density": 0.03},
-    ],
-    ids=lambda ranges: ", ".join(ranges),
-)
-def test_quantities_of_each_body_are_those_of_the_frame_assembled_with_them(ranges):
-    recipe = two_bodies(accelerometer_mass=0.02, added_mass=0.01, accelerometer_dofs=("left.1:y", "right.3:y"))
-    reach = np.array(list(ranges.values()))
-    factors = np.exp(np.random.default_rng(3).uniform(-reach, reach, (3, len(reach))))
-    family = jb.FrameFamily(recipe, {name: (-size, size) for name, size in ranges.items()})
-    assert worst(family, BETWEEN, SPRINGS, PORTS, factors, 2500.0) < 1e-6
-
-
-def test_a_joint_beside_the_axis_moves_with_its_arm_whatever_the_length():
-    """A form that mixes translation and rotation, as a joint with an offset has."""
-    body = jb.FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (jb.Member((1, 11), FLAT, STEEL),))
-    frames = jb.FrameFamily(jb.FrameRecipe(body, LAWS[1], ("y", "rz")), {"length": (-0.02, 0.02)})
-    beams = jb.BeamFamily(jb.BeamRecipe(0.383, FLAT, STEEL, LAWS[1]), {"length": (-0.02, 0.02)})
-    for family in (frames, beams):
-        near = family.at(("1:y", "11:y"), 1500.0)
-        motions = np.zeros((near.nominal.n_dofs, 2))
-        motions[near.nominal.index(["1:y", "1:rz"]), 0] = 1.0, 0.05
-        motions[near.nominal.index(["11:y"]), 1] = 1.0
-        lam, rows = near.free_modes(np.arange(len(motions)), motions)(np.array([[1.015]]))
-        exact, seen = near.reference().at(("1:y", "11:y"), 1500.0), motions
-        seen = np.zeros((exact.nominal.n_dofs, 2))
-        seen[exact.nominal.index(["1:y", "1:rz"]), 0] = 1.0, 0.05
-        seen[exact.nominal.index(["11:y"]), 1] = 1.0
-        full = exact.structure(np.array([1.015])).modes()
-        omega2 = -((2 * np.pi * 500.0) ** 2)
-        a = (rows[0] / (lam[0] - omega2)) @ rows[0].T
-        r = seen.T @ full.shapes
-        assert_allclose(a, (r / (full.eigenvalues - omega2)) @ r.T, rtol=1e-7)
 
 
 def test_natural_frequencies_of_joined_halves_are_those_of_the_whole():
@@ -176,32 +120,6 @@ def body(**more):
 )  # fmt: skip
 def test_impossible_frames_are_refused_in_one_line(broken, words):
     refused(broken, jb.ModelError, words)
-
-
-@pytest.mark.parametrize("quantity", ["length", "section_size"])
-def test_frequencies_of_an_uncertain_bar_are_those_of_a_full_eigensolution(quantity):
-    # of K + K^J and M as assembled at each row of factors, joints over eight decades
-    bar = jb.FrameBody(
-        {"root": (0, 0, 0), "tip": (0.36, 0, 0)}, (jb.Member(("root", "tip"), jb.Section.circle(0.025), STEEL),)
-    )
-    recipe = jb.FrameRecipe(bar, jb.LossFactor(0.01), directions=("x", "y", "rz"))
-    ranges = {"youngs_modulus": (-0.06, 0.06), "density": (-0.03, 0.03), quantity: (-0.03, 0.03)}
-    joint = jb.Joint(("root:x", "root:y", "root:rz"))
-    model = NaturalFrequencies(jb.FrameFamily(recipe, ranges), joint, 3)
-    rng = np.random.default_rng(4)
-    springs = 10 ** rng.uniform([5, 5, 2], [13, 13, 10], (20, 3))[:, :, None] * np.eye(3)
-    factors = np.exp(rng.uniform(*np.transpose(list(ranges.values())), (20, 3)))
-    found = model.frequency_hz(springs, factors)
-    fine = jb.FrameFamily(recipe, ranges).at(joint.dofs, 20e3)
-    for matrix, row, each in zip(springs, factors, found, strict=True):
-        whole = fine.structure(row)
-        held = joint.selection(whole)
-        stiffness = whole.stiffness + held @ matrix @ held.T
-        scale = 1 / np.sqrt(np.diag(stiffness))  # 1/λ of the scaled matrices keeps its digits beside a stiff spring
-        inverse = linalg.eigh(
-            scale[:, None] * whole.mass * scale, scale[:, None] * stiffness * scale, eigvals_only=True
-        )
-        assert_allclose(each, 1 / np.sqrt(inverse[:-4:-1]) / (2 * np.pi), rtol=1e-8)
 
 
 def test_a_body_that_nothing_reaches_still_has_its_natural_frequencies():

@@ -25,19 +25,6 @@ def frequencies(family, factors=None):
     return NaturalFrequencies(family, CLAMP, 4).frequency_hz(pair_matrix(TABLE_3)[None], factors)[0]
 
 
-@pytest.mark.science
-@pytest.mark.parametrize("more", [{}, MASS], ids=["bare", "with accelerometer"])
-@pytest.mark.parametrize("length", [0.1, 0.383])
-def test_an_offset_makes_the_beam_that_is_so_much_longer(length, more):
-    longer = frequencies(jb.BeamFamily(recipe(length + 0.005, **more), {}))
-    family = jb.BeamFamily(recipe(length, **more), OFFSET)
-    assert_allclose(frequencies(family, np.exp([[0.005]])), longer, rtol=1e-7)
-    # beside an error of the length itself, which is a factor
-    both = jb.BeamFamily(recipe(length, **more), {"length": (-0.02, 0.02), **OFFSET})
-    factors = np.array([[(length + 0.001) / length, math.exp(0.004)]])
-    assert_allclose(frequencies(both, factors), longer, rtol=1e-7)
-
-
 def test_its_value_is_in_millimetres_and_may_be_negative():
     offset = jb.Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.0019))
     length = jb.Nuisance("long.length", "mm", 383.0, jb.Normal(0.0, 0.1 / 383))

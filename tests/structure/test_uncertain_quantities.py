@@ -8,8 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
-from jointbayes.frf import NaturalFrequencies, receptance_model
-from jointbayes.structure import Rayleigh, shape_modes
+from jointbayes.structure import shape_modes
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.shape_modes import ModeTable, _hopeless
 from tests.conftest import pair_matrix
@@ -37,29 +36,6 @@ def worst_against_dense_solve(family, factors):
     return worst(family, JOINT, CLAMP, PORTS, factors)
 
 
-@pytest.mark.parametrize(
-    "more", [{}, pytest.param(MASS, marks=pytest.mark.science)], ids=["bare", "with accelerometer"]
-)
-@pytest.mark.parametrize(
-    ("law", "damping"),
-    [
-        (jb.ModalDamping((0.01, 0.02)), {"damping_ratio_1": (-2.3, 2.3), "damping_ratio_2": (-1.0, 1.0)}),
-        (jb.LossFactor(0.01), {"loss_factor": (-2.3, 2.3)}),
-        (Rayleigh(1.0, 1e-6), {}),
-    ],
-    ids=["modal", "loss factor", "rayleigh"],
-)
-def test_receptances_are_those_of_the_beam_assembled_with_these_quantities(law, damping, more):
-    ranges = MATERIAL_AND_LENGTH | damping | ({"accelerometer_mass": (-0.6, 0.6)} if more else {})
-    family = jb.BeamFamily(recipe(law, **more), ranges)
-    assert worst_against_dense_solve(family, draws(family, ranges, 2)) < 1e-6
-
-
-def test_an_accelerometer_of_known_mass_counts_beside_an_uncertain_beam():
-    family = jb.BeamFamily(recipe(**MASS), MATERIAL_AND_LENGTH)
-    assert worst_against_dense_solve(family, draws(family, MATERIAL_AND_LENGTH, 2)) < 1e-6
-
-
 def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     monkeypatch.setattr(shape_modes, "_NODES", (2,))
     ranges = {"section_size": (-0.05, 0.05), "shear_coefficient": (-0.3, 0.3)}
@@ -68,28 +44,6 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     motions = np.eye(near.nominal.n_dofs)[:, near.nominal.index(["1:y", "11:y"])]
     assert not isinstance(near.free_modes(np.arange(len(motions)), motions)._bodies[0].modes, ModeTable)
     assert worst_against_dense_solve(family, draws(family, ranges, 3)) < 1e-6
-
-
-@pytest.mark.science
-def test_two_planes_of_a_round_beam_share_their_frequencies_and_are_interpolated_all_the_same():
-    family = jb.BeamFamily(recipe(dofs_per_node=5, elements=4), {"length": (-0.01, 0.01)})
-    ports = jb.Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
-    assert worst(family, JOINT, CLAMP, ports, np.array([[0.993], [1.006]])) < 1e-6
-
-
-def test_natural_frequencies_follow_length_and_material():
-    family = jb.BeamFamily(recipe(), MATERIAL_AND_LENGTH)
-    factors = draws(family, MATERIAL_AND_LENGTH, 2)
-    found = NaturalFrequencies(family, JOINT, 4).frequency_hz(np.repeat(CLAMP[None], 2, 0), factors)
-    for one, row in zip(found, factors, strict=True):
-        assert_allclose(one, NaturalFrequencies(family.structure(row), JOINT, 4).frequency_hz(CLAMP)[0], rtol=1e-7)
-
-
-def test_without_factors_the_family_is_its_nominal_structure():
-    family = jb.BeamFamily(recipe(), MATERIAL_AND_LENGTH)
-    found = receptance_model(family, JOINT, PORTS).receptance(CLAMP)
-    exact = receptance_model(family.nominal, JOINT, PORTS).receptance(CLAMP)
-    assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
 
 
 def test_factors_multiply_what_they_name():
@@ -146,19 +100,6 @@ def test_beams_that_are_described_by_lists_are_solved_all_the_same():
         jb.BeamFamily(one, {}).free_modes(np.arange(len(motions)), motions)(np.ones((1, 0))) for one in (listed, beam)
     )
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
-
-
-def test_twenty_responses_of_an_uncertain_beam_are_those_of_the_beam_solved_anew():
-    beam = recipe(elements=20)
-    ranges = {"length": (-0.03, 0.03), "youngs_modulus": (-0.1, 0.1)}
-    ports = jb.Ports(np.linspace(20.0, 2500.0, 60), tuple(f"{n}:y" for n in range(2, 22)), ("21:y",))
-    family = jb.BeamFamily(beam, ranges).at((*JOINT.dofs, *ports.outputs, *ports.inputs), 2500.0)
-    factors = draws(family, ranges, 3)
-    found, solved = (
-        receptance_model(one, JOINT, ports).receptance(np.repeat(CLAMP[None], 3, axis=0), factors)
-        for one in (family, replace(family, exact=True))
-    )
-    assert np.abs((found - solved) / np.abs(solved).max(axis=1, keepdims=True)).max() < 1e-7
 
 
 def test_forces_at_the_tip_of_many_responses_need_no_more_modes_than_at_the_tip_of_few():

@@ -31,19 +31,17 @@ def npz(tmp_path, **changed):
 # ---- Abaqus
 
 
-def held(matrix):
-    """Node 3 clamped, as Abaqus writes it."""
-    matrix = matrix.copy()
-    matrix[:6] = matrix[:, :6] = 0
-    return matrix
+def abaqus(tmp_path, k=K, m=M, dofs=DOFS):
+    """Files of a job, the mass beside the stiffness."""
+    small.write_abaqus(tmp_path / "j_MASS2.mtx", m, dofs)
+    return small.write_abaqus(tmp_path / "j_STIF2.mtx", k, dofs)
 
 
 def test_rows_of_1e36_are_supports(tmp_path):
-    k = held(K)
+    k = K.copy()
+    k[:6] = k[:, :6] = 0  # node 3 clamped, as Abaqus writes it
     k[range(6), range(6)] = 1e36
-    small.write_abaqus(tmp_path / "j_STIF2.mtx", k)
-    small.write_abaqus(tmp_path / "j_MASS2.mtx", M)
-    model = jb.read_structure(tmp_path / "j_STIF2.mtx")
+    model = jb.read_structure(abaqus(tmp_path, k))
     assert model.dofs.tolist() == DOFS[6:].tolist()
     np.testing.assert_array_equal(model.stiffness.toarray(), K[6:, 6:])
     assert model.notes[0] == "6 DOFs with 1e36 on the diagonal of K are supports, and left out"
@@ -52,9 +50,7 @@ def test_rows_of_1e36_are_supports(tmp_path):
 def test_nodes_below_1_are_generalised_coordinates(tmp_path):
     dofs = DOFS.copy()
     dofs[dofs[:, 0] == 41, 0] = -2  # six of Abaqus's own
-    small.write_abaqus(tmp_path / "j_STIF2.mtx", K, dofs)
-    small.write_abaqus(tmp_path / "j_MASS2.mtx", M, dofs)
-    model = jb.read_structure(tmp_path / "j_STIF2.mtx")
+    model = jb.read_structure(abaqus(tmp_path, dofs=dofs))
     assert sorted(model.dofs[model.dofs[:, 0] < 0].tolist()) == [[-i, 0] for i in range(6, 0, -1)]
     np.testing.assert_allclose(small.frequencies(model), small.EXACT, rtol=1e-9)
 
@@ -62,24 +58,18 @@ def test_nodes_below_1_are_generalised_coordinates(tmp_path):
 def test_a_dof_of_heat_or_pressure_is_refused(tmp_path):
     dofs = DOFS.copy()
     dofs[3, 1] = 11
-    small.write_abaqus(tmp_path / "k.mtx", K, dofs)
-    refused(tmp_path / "k.mtx", r"k.mtx, entry \d+: found DOF 11 of node 3; expected 1 to 6", mass=tmp_path / "k.mtx")
+    refused(abaqus(tmp_path, dofs=dofs), r"j_STIF2.mtx, entry \d+: found DOF 11 of node 3; expected 1 to 6")
 
 
 def test_an_abaqus_file_cut_at_the_end_of_a_line(tmp_path):
-    small.write_abaqus(tmp_path / "j_STIF2.mtx", K)
-    small.write_abaqus(tmp_path / "j_MASS2.mtx", M)
-    path = tmp_path / "j_STIF2.mtx"
+    path = abaqus(tmp_path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[: len(lines) // 2]))
     refused(path, "found mass but no stiffness at node 12, direction")
 
 
 def test_a_map_beside_files_that_name_their_dofs(tmp_path):
-    small.write_abaqus(tmp_path / "k.mtx", K)
-    small.write_abaqus(tmp_path / "m.mtx", M)
-    dofs = small.write_map(tmp_path / "map.csv")
-    refused(tmp_path / "k.mtx", "map.csv: found matrices with nodes", mass=tmp_path / "m.mtx", dofs=dofs)
+    refused(abaqus(tmp_path), "map.csv: found matrices with nodes", dofs=small.write_map(tmp_path / "map.csv"))
 
 
 # ---- Nastran
@@ -123,36 +113,25 @@ def test_a_cylindrical_output_system_is_refused(tmp_path):
 
 def test_pyyeti_missing_is_one_line(tmp_path, monkeypatch):
     (tmp_path / "a.op4").write_bytes(b"x" * 100)
-    monkeypatch.setitem(sys.modules, "pyyeti", None)
-    monkeypatch.setitem(sys.modules, "pyyeti.nastran.op4", None)
+    for name in ("pyyeti", "pyyeti.nastran.op4"):
+        monkeypatch.setitem(sys.modules, name, None)
     refused(tmp_path / "a.op4", r"a.op4: found a file of Nastran; expected pyyeti.*pip install jointbayes\[nastran\]$")
 
 
-DMIG = """DMIG    KAAX           0       6       2       0                       2
-DMIG*   KAAX                           1               1
-*                      1               1 2.000000000D+03
-DMIG    MAAX           0       6       2       0                       2
-DMIG*   MAAX                           1               1
-*                      1               1 2.000000000D+00
-"""
+DMIG = "".join(
+    f"DMIG    {name}{0:12d}{6:8d}{2:8d}{0:8d}{2:24d}\nDMIG*   {name}{1:28d}{1:16d}\n*{1:23d}{1:16d} {value}\n"
+    for name, value in (("KAAX", "2.000000000D+03"), ("MAAX", "2.000000000D+00"))
+)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
         ("D+03", "X+03", r"a.pch, line 3: found '\* .*expected a whole card"),
-        (
-            "DMIG    MAAX           0       6       2",
-            "DMIG    MAAX           0       6       4",
-            "'MAAX': found complex",
-        ),
+        ("MAAX           0       6       2", "MAAX           0       6       4", "'MAAX': found complex"),
         ("MAAX", "TAAX", "found no mass matrix, but stiffness; expected M in kg; export it too, give mass="),
         ("DMIG*   MAAX  ", "DMIG    MAAX  ", "line 5: found a DMIG card in small fields"),
-        (
-            "               1               1 2.000000000D+03",
-            "               1               7 2.000000000D+03",
-            "found 7",
-        ),
+        ("               1 2.000000000D+03", "               7 2.000000000D+03", "found 7"),
         ("2.000000000D+00\n", "2.000", "a whole card"),
         ("D+00\n", f"D+00\n{'GRID':8}{1:8d}{7:8d}{0.0:8}{0.0:8}{0.0:8}\n", "line 7: found grid '1' in system '7'"),
     ],
@@ -165,22 +144,13 @@ def test_damaged_dmig(tmp_path, old, new, match):
 # ---- Ansys, Matrix Market
 
 
-def test_a_mapping_forgotten(tmp_path):
+def test_a_mapping_forgotten_of_another_model_with_a_line_lost_and_with_heat(tmp_path):
     k = small.write_matrix_market(tmp_path / "k.mmf", K)
     refused(k, "k.mmf: found no map of the DOFs; expected .*; give dofs=", mass=k)
-
-
-def test_a_mapping_of_another_model(tmp_path):
-    k, m = small.write_harwell_boeing(tmp_path / "k", K), small.write_harwell_boeing(tmp_path / "m", M)
     dofs = small.write_mapping(tmp_path / "k.mapping", DOFS[:-1])
-    refused(
-        k, "k: found a stiffness matrix of 30 rows, and a map of 29 DOFs in .*k.mapping; expected as", mass=m, dofs=dofs
-    )
-
-
-def test_a_mapping_with_a_line_lost_and_with_heat(tmp_path):
-    k = small.write_matrix_market(tmp_path / "k.mmf", K)
-    dofs = small.write_mapping(tmp_path / "k.mapping")
+    told = "k.mmf: found a stiffness matrix of 30 rows, and a map of 29 DOFs in .*k.mapping; expected as"
+    refused(k, told, mass=k, dofs=dofs)
+    small.write_mapping(dofs)
     text = dofs.read_text()
     dofs.write_text("\n".join(line for i, line in enumerate(text.split("\n")) if i != 4))
     refused(k, "k.mapping, line 5: found row 5; expected row 4", mass=k)
@@ -232,11 +202,9 @@ def test_a_calculix_file_cut_at_the_end_of_a_line(tmp_path, cut):
 
 
 def test_a_dof_file_of_another_kind(tmp_path):
-    small.write_calculix(tmp_path / "j.sti", K)
+    path = small.write_calculix(tmp_path / "j.sti", K)
     (tmp_path / "j.dof").write_text("3.1\n3.7\n")
-    refused(
-        tmp_path / "j.sti", r"j.dof, line 2: found '3.7'; expected a line 'node.direction'", mass=tmp_path / "j.sti"
-    )
+    refused(path, r"j.dof, line 2: found '3.7'; expected a line 'node.direction'", mass=path)
 
 
 # ---- matrices and maps
@@ -301,50 +269,26 @@ def test_maps_and_coordinates_in_csv(tmp_path):
     semicolons = tmp_path / "semi.csv"
     semicolons.write_text(good.read_text().replace(",", ";").replace("rx", "ROTX").replace(";x", ";1"))
     small.require_same(jb.read_structure(k, mass=m, dofs=semicolons, nodes=places))
-    for text, match in (
-        ("node,direction\n3,x\n3,w\n", "map.csv, line 3: found the direction 'w'"),
-        ("node,direction\n3\n", "map.csv, line 2: found '3'; expected node,direction"),
-        ("node,direction\n", "found no DOF"),
+    for path, text, match in (
+        (places, "node,x,y,z\n3,0,0,inf\n", "xyz.csv, line 2: found 'inf'; expected a coordinate"),
+        (places, "node,x,y,z\n3,0,0,0\n3,1,0,0\n", "xyz.csv: found node 3 2 times"),
+        (places, "node,x,y\n3,0,0\n", "line 2: found '3,0,0'; expected node,x,y,z"),
+        (good, "node,direction\n3,x\n3,w\n", "map.csv, line 3: found the direction 'w'"),
+        (good, "node,direction\n3\n", "map.csv, line 2: found '3'; expected node,direction"),
+        (good, "node,direction\n", "found no DOF"),
     ):
-        good.write_text(text)
-        refused(k, match, mass=m, dofs=good)
-    small.write_map(good)
-    for text, match in (
-        ("node,x,y,z\n3,0,0,inf\n", "xyz.csv, line 2: found 'inf'; expected a coordinate"),
-        ("node,x,y,z\n3,0,0,0\n3,1,0,0\n", "xyz.csv: found node 3 2 times"),
-        ("node,x,y\n3,0,0\n", "line 2: found '3,0,0'; expected node,x,y,z"),
-    ):
-        places.write_text(text)
-        refused(k, match, mass=m, dofs=good, nodes=places)
+        path.write_text(text)
+        refused(k, match, mass=m, dofs=good, **({"nodes": places} if path is places else {}))
 
 
-INP = """** a comment
-*HEADING
-*NODE, NSET=ALL
-1, 0, 0, 0
-2, 1, 0, 0
-3, 1, 1, 0
-4, 0, 1, 0
-5, 0, 0, 1
-6, 1, 0, 1
-7, 1, 1, 1
-8, 0, 1, 1
-9, 0, 0, 2
-10, 1, 0, 2
-11, 1, 1, 2
-12, 0, 1, 2
-13, 0, 0, 3
-*ELEMENT, TYPE=C3D8R, ELSET=E
-1, 1, 2, 3, 4,
-5, 6, 7, 8
-2, 5, 6, 7, 8, 9, 10, 11, 12
-*ELEMENT, TYPE=B31
-3, 9, 13
-*ELEMENT, TYPE=SPRINGA
-4, 1, 13
-*NODE FILE
-U
-"""
+PLANE = ((0, 0), (1, 0), (1, 1), (0, 1))
+CORNERS = [f"{4 * z + i}, {x}, {y}, {z}" for z in range(3) for i, (x, y) in enumerate(PLANE, 1)]
+#: Two cubes on each other, a beam and a spring; the nodes stand in lines 4 to 16.
+INP = "\n".join([
+    "** a comment", "*HEADING", "*NODE, NSET=ALL", *CORNERS, "13, 0, 0, 3", "*ELEMENT, TYPE=C3D8R, ELSET=E",
+    "1, 1, 2, 3, 4,", "5, 6, 7, 8", "2, 5, 6, 7, 8, 9, 10, 11, 12", "*ELEMENT, TYPE=B31", "3, 9, 13",
+    "*ELEMENT, TYPE=SPRINGA", "4, 1, 13", "*NODE FILE", "U", "",
+])  # fmt: skip
 
 
 def test_edges_of_the_surface_from_an_input_file(tmp_path):
@@ -363,11 +307,7 @@ def test_edges_of_the_surface_from_an_input_file(tmp_path):
     ("old", "new", "match"),
     [
         ("*NODE, NSET", "*NODE, SYSTEM=C, NSET", "a.inp, line 3: found .*expected rectangular coordinates"),
-        (
-            "13, 0, 0, 3",
-            "12, 0, 0, 3",
-            "a.inp: found node 12 2 times; expected each node once; give the flat input file",
-        ),
+        ("13, 0, 0, 3", "12, 0, 0, 3", "a.inp: found node 12 2 times; expected each node once; give the flat input"),
         ("2, 1, 0, 0", "2, 1, o, 0", "line 5: found 'o'; expected a coordinate"),
         ("3, 9, 13", "3, 9, a", "line 22: found '3, 9, a'"),
     ],
@@ -429,13 +369,12 @@ def test_a_bomb_is_not_unpacked(tmp_path):
 
 
 def test_an_input_file_found_beside_that_cannot_be_used_is_a_note(tmp_path):
-    small.write_abaqus(tmp_path / "j_STIF1.mtx", K)
-    small.write_abaqus(tmp_path / "j_MASS1.mtx", M)
+    path = abaqus(tmp_path)
     (tmp_path / "j.inp").write_text(INP.replace("13, 0, 0, 3", "12, 0, 0, 3"))
-    model = jb.read_structure(tmp_path / "j_STIF1.mtx")
+    model = jb.read_structure(path)
     assert re.fullmatch(r"no coordinates: .*j\.inp: found node 12 2 times; .*", model.notes[0])
     assert model.place(12) is None
-    refused(tmp_path / "j_STIF1.mtx", "j.inp: found node 12 2 times", nodes=tmp_path / "j.inp")
+    refused(path, "j.inp: found node 12 2 times", nodes=tmp_path / "j.inp")
 
 
 def test_damping_in_a_file_of_its_own_and_a_file_of_another_role(tmp_path):
@@ -444,6 +383,5 @@ def test_damping_in_a_file_of_its_own_and_a_file_of_another_role(tmp_path):
     model = jb.read_structure(k, mass=m, damping=c, dofs=dofs)
     np.testing.assert_array_equal(model.damping.toarray(), small.C)
     np.savez(tmp_path / "only.npz", M=M)
-    refused(
-        k, "only.npz: found a matrix of mass; expected one of damping", mass=m, damping=tmp_path / "only.npz", dofs=dofs
-    )
+    told = "only.npz: found a matrix of mass; expected one of damping"
+    refused(k, told, mass=m, damping=tmp_path / "only.npz", dofs=dofs)

@@ -1,0 +1,151 @@
+"""Every kind of body whose quantities are uncertain, against the body built with each draw and solved densely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.frf import NaturalFrequencies, receptance_model
+from jointbayes.structure import Rayleigh
+from tests.conftest import STEEL, TABLE_3, pair_matrix
+from tests.structure.dense import natural_hz, worst
+from tests.structure.test_frame_family import BETWEEN, FLAT, LAWS, SPRINGS, two_bodies
+from tests.structure.test_frame_family import PORTS as OF_TWO
+
+CLAMP, PAIR, MODAL = jb.Joint(("1:y", "1:rz")), pair_matrix(TABLE_3), jb.ModalDamping((0.01, 0.02))
+BEAM = {"youngs_modulus": 0.12, "density": 0.06, "length": 0.03}
+MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
+TIP = jb.Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
+ALL = jb.Ports(np.linspace(20.0, 2500.0, 60), tuple(f"{n}:y" for n in range(2, 22)), ("21:y",))
+PLANES = jb.Ports(np.arange(20.0, 2500.0, 61.0), ("5:y", "5:z"), ("5:y", "5:z"))
+ROD = jb.Member(("root", "tip"), jb.Section.circle(0.025), STEEL)
+BAR = jb.FrameBody({"root": (0, 0, 0), "tip": (0.36, 0, 0)}, (ROD,))
+ROOT, END = (tuple(f"{point}:{way}" for way in ("x", "y", "rz")) for point in ("root", "tip"))
+TAUT = {"supports": ("11:y",), "section": jb.Section.circle(0.012), "length": 1.0}
+SCIENCE = {"with an accelerometer, loss factor", "two planes"}
+
+
+def beam(ranges, law=MODAL, ports=TIP, joint=CLAMP, matrix=PAIR, **stated):
+    given = {"length": 0.383, "section": jb.Section.circle(0.025), "material": STEEL, "damping": law} | stated
+    return jb.BeamFamily(jb.BeamRecipe(**given), both_ways(ranges)), joint, matrix, ports, ranges, 0.0
+
+
+def both_ways(ranges):
+    return {name: (-reach, reach) for name, reach in ranges.items()}
+
+
+def taut(force):
+    """A beam that its joint and a support hold under a force, of which the last is uncertain as well."""
+    ranges = {"axial_force": 0.7, "youngs_modulus": 0.1, "density": 0.05, "length": 0.02, "section_size": 0.05}
+    ports = jb.Ports(np.arange(11.0, 900.0, 37.0), ("6:y", "11:rz"), ("6:y",))
+    matrix = np.array([[3e8, 2e5], [2e5, 4e5]])
+    *made, _ = beam(ranges, jb.LossFactor(0.02), ports, matrix=matrix, axial_force=force, **TAUT)
+    return *made, 900.0
+
+
+def frames(ranges):
+    recipe = two_bodies(accelerometer_mass=0.02, added_mass=0.01, accelerometer_dofs=("left.1:y", "right.3:y"))
+    return jb.FrameFamily(recipe, both_ways(ranges)), BETWEEN, SPRINGS, OF_TWO, ranges, 2500.0
+
+
+def bar(quantity):
+    ranges = {"youngs_modulus": 0.06, "density": 0.03, quantity: 0.03}
+    family = jb.FrameFamily(jb.FrameRecipe(BAR, jb.LossFactor(0.01), ("x", "y", "rz")), both_ways(ranges))
+    return family, jb.Joint(ROOT), np.diag([1e8, 3e7, 1e4]), jb.Ports(TIP.frequency_hz, END, END), ranges, 2500.0
+
+
+FAMILIES = {
+    "modal damping": beam(BEAM | {"damping_ratio_1": 2.3, "damping_ratio_2": 1.0}),
+    "loss factor": beam(BEAM | {"loss_factor": 2.3}, jb.LossFactor(0.01)),
+    "Rayleigh": beam(BEAM, Rayleigh(1.0, 1e-6)),
+    "with an accelerometer, loss factor": beam(
+        BEAM | {"loss_factor": 2.3, "accelerometer_mass": 0.6}, jb.LossFactor(0.01), **MASS
+    ),
+    "with an accelerometer of known mass": beam(BEAM, **MASS),
+    "an offset of all lengths": beam({"length": 0.02, "length_offset": 0.012}, **MASS),
+    "twenty responses": beam({"length": 0.03, "youngs_modulus": 0.1}, ports=ALL, elements=20),
+    "two planes": beam({"length": 0.01}, ports=PLANES, dofs_per_node=5, elements=4),
+    "compressed": taut(-9000.0),
+    "tensioned": taut(30000.0),
+    "bar, its length": bar("length"),
+    "bar, its section": bar("section_size"),
+    "two frames": frames({"youngs_modulus": 0.1, "density": 0.05, "left.length": 0.02, "right.youngs_modulus": 0.05}),
+    "two frames, their sections": frames({"section_size": 0.03, "left.density": 0.05}),
+    "two frames, one section": frames({"right.section_size": 0.02, "accelerometer_mass": 0.3}),
+    "two frames, shear": frames({"left.shear_coefficient": 0.1, "left.length": 0.01, "left.density": 0.03}),
+}
+
+
+def marked(names):
+    """Those that take a second are for .ci/run."""
+    dear = {name for name in names if name in SCIENCE or name.startswith("two frames")}
+    return [pytest.param(name, marks=[pytest.mark.science] * (name in dear)) for name in names]
+
+
+def draws(ranges, count, seed=1):
+    reach = np.array(list(ranges.values()))
+    return np.exp(np.random.default_rng(seed).uniform(-reach, reach, (count, len(reach))))
+
+
+@pytest.mark.parametrize("name", marked(FAMILIES))
+def test_receptances_are_those_of_the_body_assembled_with_these_quantities(name):
+    family, joint, matrix, ports, ranges, top_hz = FAMILIES[name]
+    assert worst(family, joint, matrix, ports, draws(ranges, 2), top_hz) < 1e-6
+
+
+@pytest.mark.parametrize("name", marked([name for name in FAMILIES if not name.startswith("two")]))
+def test_natural_frequencies_are_those_of_a_full_eigensolution_over_eight_decades_of_stiffness(name):
+    family, joint, matrix, _, ranges, _ = FAMILIES[name]
+    factors, scales = draws(ranges, 6, 4), 10.0 ** np.random.default_rng(4).uniform(-3, 5, 6)
+    found = NaturalFrequencies(family, joint, 3).frequency_hz(scales[:, None, None] * matrix, factors)
+    fine = family.at(joint.dofs, 20e3)
+    for row, scale, each in zip(factors, scales, found, strict=True):
+        built = fine.structure(row)
+        if name == "compressed":  # so far that it has buckled: K has a negative eigenvalue
+            expected = NaturalFrequencies(built, joint, 3).frequency_hz(scale * matrix)[0]
+        else:
+            expected = natural_hz(built, joint, scale * matrix, 3)
+        np.testing.assert_allclose(each, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["modal damping", "an offset of all lengths", "bar, its length"])
+def test_without_factors_the_family_is_its_nominal_structure(name):
+    family, joint, matrix, ports, *_ = FAMILIES[name]
+    found, exact = (receptance_model(one, joint, ports).receptance(matrix) for one in (family, family.nominal))
+    np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_two_bodies_with_a_joint_are_those_of_a_dense_solve(law):
+    for stiffness in (SPRINGS, SPRINGS * 1e6):
+        assert worst(jb.FrameFamily(two_bodies(law), {}), BETWEEN, stiffness, OF_TWO, np.empty((1, 0)), 2500.0) < 1e-7
+
+
+def test_a_joint_beside_the_axis_moves_with_its_arm_whatever_the_length():
+    """A form that mixes translation and rotation, as a joint with an offset has."""
+    body = jb.FrameBody({1: (0, 0, 0), 11: (0.383, 0, 0)}, (jb.Member((1, 11), FLAT, STEEL),))
+    frames = jb.FrameFamily(jb.FrameRecipe(body, LAWS[1], ("y", "rz")), {"length": (-0.02, 0.02)})
+    beams = jb.BeamFamily(jb.BeamRecipe(0.383, FLAT, STEEL, LAWS[1]), {"length": (-0.02, 0.02)})
+
+    def motions(family):
+        out = np.zeros((family.nominal.n_dofs, 2))
+        out[family.nominal.index(["1:y", "1:rz"]), 0] = 1.0, 0.05
+        out[family.nominal.index(["11:y"]), 1] = 1.0
+        return out
+
+    for family in (frames, beams):
+        near = family.at(("1:y", "11:y"), 1500.0)
+        lam, rows = near.free_modes(np.arange(near.nominal.n_dofs), motions(near))(np.array([[1.015]]))
+        exact = near.reference().at(("1:y", "11:y"), 1500.0)
+        full, omega2 = exact.structure(np.array([1.015])).modes(), -((2 * np.pi * 500.0) ** 2)
+        r = motions(exact).T @ full.shapes
+        expected = (r / (full.eigenvalues - omega2)) @ r.T
+        np.testing.assert_allclose((rows[0] / (lam[0] - omega2)) @ rows[0].T, expected, rtol=1e-7)
+
+
+def test_no_mesh_shows_up_to_the_highest_frequency():
+    family = jb.FrameFamily(two_bodies(LAWS[1]), {})
+    ports = replace(OF_TWO, frequency_hz=np.arange(3000.0, 5000.0, 97.0))
+    found, exact = (receptance_model(f, BETWEEN, ports).receptance(SPRINGS)[0] for f in (family, family.reference()))
+    np.testing.assert_allclose(found, exact, atol=1e-7 * np.abs(exact).max())
