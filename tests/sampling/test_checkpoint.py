@@ -75,6 +75,12 @@ def killed(begin, place, steps, **options):
         begun(begin, place, progress=killed_after(steps), **options)
 
 
+def killed_again(begin, place, *moments, **options):
+    """Resume a run, and kill it, at each of these moments."""
+    for steps in moments:
+        killed(begin, place, steps, resume=True, **options)
+
+
 def begun(begin, place, told=None, *, resume=False, **options):
     with UnfinishedRun(place, resume=resume, progress=(told if told is not None else []).append) as keeper:
         keeper.begin(PARTS)
@@ -87,13 +93,9 @@ resumed = partial(begun, resume=True)
 def same(one, other):
     """Whether two results agree in all but the time they took."""
     (chains, proposal), (others, other_proposal) = one, other
-    for part in dataclasses.fields(chains):
-        if part.name in ("seconds", "history"):
-            continue
-        np.testing.assert_array_equal(getattr(chains, part.name), getattr(others, part.name))
-    for check, other_check in zip(chains.history, others.history, strict=True):
-        for part in dataclasses.fields(check):
-            np.testing.assert_array_equal(getattr(check, part.name), getattr(other_check, part.name))
+    for here, there in zip((chains, *chains.history), (others, *others.history), strict=True):
+        for name in {part.name for part in dataclasses.fields(here)} - {"seconds", "history"}:
+            np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
     assert proposal.efficiency == other_proposal.efficiency
 
 
@@ -110,8 +112,7 @@ def test_a_run_of_several_stages_goes_on_to_the_same_bits(tmp_path, monkeypatch)
     chains, proposal = run(slow, **options)
     assert chains.discarded >= 80
     killed(slow, tmp_path / "run", 80, **options)  # at the end of a stage
-    with pytest.raises(Killed):  # after the first block of the next
-        resumed(slow, tmp_path / "run", progress=killed_after(90), **options)
+    killed_again(slow, tmp_path / "run", 90, **options)  # after the first block of the next
     same(resumed(slow, tmp_path / "run", **options), (chains, proposal))
 
 
@@ -125,43 +126,48 @@ def test_a_run_that_fits_its_proposal_anew_goes_on_to_the_same_bits(tmp_path):
     assert chains.discarded == 800  # four stages in search of what the first proposal misses
     assert chains.steps > 100
     killed(slow, tmp_path / "run", 800, **options)  # at the end of a stage
-    with pytest.raises(Killed):  # after the first block of the next
-        resumed(slow, tmp_path / "run", progress=killed_after(550), **options)
+    killed_again(slow, tmp_path / "run", 550, **options)  # after the first block of the next
     same(resumed(slow, tmp_path / "run", **options), (chains, proposal))
 
 
 def test_a_run_killed_again_and_again_comes_to_the_same_bits(begin, undisturbed, tmp_path):
-    for steps in (20, 60, 100, 110):
-        with pytest.raises(Killed):
-            resumed(begin, tmp_path / "run", progress=killed_after(steps))
+    killed_again(begin, tmp_path / "run", 20, 60, 100, 110)
     same(resumed(begin, tmp_path / "run"), undisturbed)
+
+
+def counted(calls, at=(), number=signal.SIGINT):
+    """A density that keeps the sizes of its calls, and sends this process a signal at some of them."""
+
+    def density(theta):
+        calls.append(len(theta))
+        if len(calls) in at:
+            signal.raise_signal(number)
+        return gaussian(theta)
+
+    return density
 
 
 def test_a_finished_run_is_read_without_a_step(begin, undisturbed, tmp_path):
     resumed(begin, tmp_path / "run")
     calls = []
-
-    def counted(theta):
-        calls.append(len(theta))
-        return gaussian(theta)
-
-    same(resumed(begin, tmp_path / "run", density=counted), undisturbed)
+    same(resumed(begin, tmp_path / "run", density=counted(calls)), undisturbed)
     assert sum(calls) == 4 * 8  # whether it is the same density
 
 
-def flipped(path, place):
-    content = bytearray(path.read_bytes())
-    content[place] ^= 1
-    path.write_bytes(bytes(content))
+def flipped(content, place, bit=0):
+    return content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :]
+
+
+RUN_FILE = "a damaged run.npz; its steps are made again"
 
 
 @pytest.mark.parametrize(
     ("damage", "found"),
     [
-        (lambda file: flipped(file, 4000), "a damaged run.npz; its steps are made again"),
-        (lambda file: os.truncate(file, 4000), "a damaged run.npz; its steps are made again"),
-        (lambda file: file.write_bytes(b""), "a damaged run.npz; its steps are made again"),
-        (lambda file: rewritten(file, lambda record: record["stages"]["0"].pop("checks")), "a damaged run.npz; its"),
+        (lambda file: file.write_bytes(flipped(file.read_bytes(), 4000)), RUN_FILE),
+        (lambda file: os.truncate(file, 4000), RUN_FILE),
+        (lambda file: file.write_bytes(b""), RUN_FILE),
+        (lambda file: rewritten(file, lambda record: record["stages"]["0"].pop("checks")), RUN_FILE),
         (lambda file: file.unlink(), "no unfinished run; beginning one"),
     ],
     ids=["a bit", "cut", "empty", "another record", "gone"],
@@ -169,13 +175,10 @@ def flipped(path, place):
 def test_a_run_whose_file_is_damaged_is_made_again(begin, undisturbed, tmp_path, damage, found):
     killed(begin, tmp_path / "run", 50)
     damage(tmp_path / "run" / "run.npz")
-    told = []
-    same(resumed(begin, tmp_path / "run", told), undisturbed)
-    assert len(told) == 1
-    assert told[0].text.startswith(f"{tmp_path / 'run'}: found {found}")
-    told.clear()
-    same(resumed(begin, tmp_path / "run", told), undisturbed)  # what was made again is on disk
-    assert told == []
+    for expected in ([f"{tmp_path / 'run'}: found {found}"], []):  # what was made again is on disk
+        told = []
+        same(resumed(begin, tmp_path / "run", told), undisturbed)
+        assert [now.text[: len(expected[0])] for now in told] == expected
 
 
 @pytest.mark.whole
@@ -183,9 +186,7 @@ def test_any_flipped_bit_of_the_file_is_survived(begin, short, tmp_path):
     killed(begin, tmp_path / "run", 50, settings=SHORT)
     whole, rng = (tmp_path / "run" / "run.npz").read_bytes(), np.random.default_rng(5)
     for place in [*rng.integers(len(whole), size=4), *range(len(whole) - 300, len(whole), 47)]:  # at the end the names
-        content = bytearray(whole)
-        content[place] ^= 1 << int(rng.integers(8))
-        (tmp_path / "run" / "run.npz").write_bytes(bytes(content))
+        (tmp_path / "run" / "run.npz").write_bytes(flipped(whole, place, int(rng.integers(8))))
         same(resumed(begin, tmp_path / "run", settings=SHORT), short)
 
 
@@ -211,9 +212,7 @@ def test_a_long_run_of_which_not_all_steps_are_held_goes_on_to_the_same_bits(beg
     monkeypatch.setattr("jointbayes.sampling.chains._AT_ONCE", 3)
     undisturbed = run(begin)
     assert undisturbed[0].every == 8
-    for steps in (20, 30, 50, 90):
-        with pytest.raises(Killed):
-            resumed(begin, tmp_path / "run", progress=killed_after(steps))
+    killed_again(begin, tmp_path / "run", 20, 30, 50, 90)
     same(resumed(begin, tmp_path / "run"), undisturbed)
 
 
@@ -225,9 +224,7 @@ def test_a_directory_of_somebody_else_is_refused_and_stays(begin, tmp_path, monk
     (tmp_path / "mine" / "thesis").write_text("mine", encoding="utf-8")
     monkeypatch.chdir(tmp_path / "mine")
     for place in (tmp_path / "mine", "."):
-        with pytest.raises(
-            CheckpointError, match="found a directory that holds other files, and no mark of jointbayes"
-        ):
+        with pytest.raises(CheckpointError, match="found a directory that holds other files, and no mark of joint"):
             begun(begin, place)
         with pytest.raises(CheckpointError, match="remove it if an older jointbayes left it"):
             resumed(begin, place)
@@ -237,9 +234,7 @@ def test_a_directory_of_somebody_else_is_refused_and_stays(begin, tmp_path, monk
 def test_a_directory_of_another_kind_is_refused(begin, tmp_path):
     with OwnDirectory(tmp_path / "run", "a campaign"):
         pass
-    with pytest.raises(
-        CheckpointError, match="found a directory of a campaign; expected a new directory, or one of an"
-    ):
+    with pytest.raises(CheckpointError, match="found a directory of a campaign; expected a new directory, or one of"):
         begun(begin, tmp_path / "run")
 
 
@@ -270,14 +265,9 @@ def test_nothing_is_written_through_what_has_the_name_of_one_of_its_files(begin,
     victim, place = tmp_path / "victim", tmp_path / "run" / name
     victim.write_text("mine", encoding="utf-8")
     place.unlink(missing_ok=True)
-    if kind == "second name":
-        os.link(victim, place)
-    elif kind == "directory":
-        place.mkdir()
-    elif kind == "pipe":
-        os.mkfifo(place)
-    else:
-        place.symlink_to(victim if kind == "link" else tmp_path / "new")
+    made = {"second name": partial(os.link, victim), "directory": os.mkdir, "pipe": os.mkfifo}
+    made |= {"link": partial(os.symlink, victim), "dangling link": partial(os.symlink, tmp_path / "new")}
+    made[kind](place)
     with pytest.raises((CheckpointError, WriteError), match="expected"):
         resumed(begin, tmp_path / "run", settings=SHORT)
     assert victim.read_text(encoding="utf-8") == "mine"
@@ -285,11 +275,14 @@ def test_nothing_is_written_through_what_has_the_name_of_one_of_its_files(begin,
 
 
 def test_a_run_is_not_begun_where_another_one_is_unfinished(begin, tmp_path):
+    def files():
+        return {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir() if p.name != "lock"}
+
     killed(begin, tmp_path / "run", 20)
-    before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir() if p.name != "lock"}
+    before = files()
     with pytest.raises(CheckpointError, match="found an unfinished run; expected none; to go on with it pass"):
         UnfinishedRun(tmp_path / "run").__enter__()
-    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir() if p.name != "lock"} == before
+    assert files() == before
 
 
 def test_a_run_of_something_else_is_refused_by_the_part_that_differs(begin, tmp_path):
@@ -314,18 +307,18 @@ def test_what_was_never_saved_leaves_nothing(tmp_path):
     assert not list((tmp_path / "some").iterdir())
 
 
-def test_a_disk_that_is_full_costs_no_draws_and_says_so_once(begin, undisturbed, tmp_path, monkeypatch):
-    def full(*_arguments):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def full(*_arguments):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
+
+def test_a_disk_that_is_full_costs_no_draws_and_says_so_once(begin, undisturbed, tmp_path, monkeypatch):
     told = []
     with UnfinishedRun(tmp_path / "run", progress=told.append) as keeper:
         monkeypatch.setattr(os, "fsync", full)
         keeper.begin(PARTS)
         same(run(begin, keeper), undisturbed)
-    assert [now.text for now in told] == [
-        f"{tmp_path / 'run'}: no checkpoint could be written (No space left on device); going on without"
-    ]
+    words = "no checkpoint could be written (No space left on device); going on without"
+    assert [now.text for now in told] == [f"{tmp_path / 'run'}: {words}"]
 
 
 def test_a_second_name_that_appears_during_a_run_keeps_what_it_named(begin, undisturbed, tmp_path):
@@ -348,9 +341,7 @@ def test_a_disk_that_was_full_for_a_while_is_written_to_again(begin, undisturbed
 
     def full_for_a_while(descriptor):
         calls.append(descriptor)
-        if 10 < len(calls) < 30:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        fsync(descriptor)
+        (full if 10 < len(calls) < 30 else fsync)(descriptor)
 
     monkeypatch.setattr(os, "fsync", full_for_a_while)
     killed(begin, tmp_path / "run", 110)
@@ -369,24 +360,14 @@ def test_checkpoints_wait_until_they_cost_little(begin, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_waits_for_the_block_and_the_checkpoint(begin, undisturbed, tmp_path, monkeypatch, number):
-    class Stopped(KeyboardInterrupt):
-        pass
-
     def stop(*_arguments):
-        raise Stopped
+        raise KeyboardInterrupt("stopped")
 
-    before, calls = signal.signal(number, stop), []
-
-    def signalled(theta):
-        calls.append(len(theta))
-        if len(calls) == 180:
-            signal.raise_signal(number)
-        return gaussian(theta)
-
+    before = signal.signal(number, stop)
     monkeypatch.setattr(checkpoints, "SECONDS_BETWEEN", 3600.0)
     try:
-        with pytest.raises(Stopped):
-            begun(begin, tmp_path / "run", density=signalled)
+        with pytest.raises(KeyboardInterrupt, match="stopped"):
+            begun(begin, tmp_path / "run", density=counted([], (180,), number))
         assert signal.getsignal(number) is stop
     finally:
         signal.signal(number, before)
@@ -399,15 +380,8 @@ def test_a_signal_waits_for_the_block_and_the_checkpoint(begin, undisturbed, tmp
 
 def test_a_second_signal_does_not_wait(begin, tmp_path):
     calls = []
-
-    def signalled(theta):
-        calls.append(len(theta))
-        if len(calls) in (180, 181):
-            signal.raise_signal(signal.SIGINT)
-        return gaussian(theta)
-
     with pytest.raises(KeyboardInterrupt):
-        begun(begin, tmp_path / "run", density=signalled)
+        begun(begin, tmp_path / "run", density=counted(calls, (180, 181)))
     assert len(calls) == 181
     with UnfinishedRun(tmp_path / "run", resume=True) as keeper:
         assert keeper.holds_a_run
