@@ -12,39 +12,25 @@ from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes
 from jointbayes.posterior.decision import modes_problem
 from jointbayes.structure import Structure
+from tests.conftest import edited
 
-BODY = """
-[structure]
-length_mm = 383.0
-elements = 10
-youngs_modulus_gpa = 70.0
-density_kg_m3 = 2700.0
-section = { shape = "rectangle", width_mm = 30.0, height_mm = 25.0 }
-accelerometer_mass_g = 5.0
-damping = { law = "modal", ratio = [0.01, 0.01, 0.01, 0.01] }
-[joint]
-kind = "springs"
-dofs = ["1:y", "1:rz"]
-"""
+ROD = """length_mm = 383.0, elements = 10, youngs_modulus_gpa = 70.0, density_kg_m3 = 2700.0, \
+section = { shape = "rectangle", width_mm = 30.0, height_mm = 25.0 }, \
+damping = { law = "modal", ratio = [0.01, 0.01, 0.01, 0.01] }"""
+JOINT = 'joint = { kind = "springs", dofs = ["1:y", "1:rz"] }'
 SOFT = np.array([1e7, 1e4])
-FRF = f"""{BODY}
-[data]
-kind = "synthetic_frf"
-inputs = ["11:y"]
-outputs = ["11:y"]
-f_min_hz = 10.0
-f_max_hz = 6000.0
-f_step_hz = 2.0
-noise = {{ relative = 0.02, floor = 0.001, seed = 1 }}
-truth.stiffness = {{ ky = {SOFT[0]}, krz = {SOFT[1]} }}
-[uncertain]
-damping_ratio = {{ low_factor = 0.1, high_factor = 10.0 }}
+FRF = f"""
+structure = {{ {ROD}, accelerometer_mass_g = 5.0 }}
+{JOINT}
+data = {{ kind = "synthetic_frf", inputs = ["11:y"], outputs = ["11:y"], f_min_hz = 10.0, f_max_hz = 6000.0, \
+f_step_hz = 2.0, noise = {{ relative = 0.02, floor = 0.001, seed = 1 }}, \
+truth.stiffness = {{ ky = {SOFT[0]}, krz = {SOFT[1]} }} }}
+uncertain.damping_ratio = {{ low_factor = 0.1, high_factor = 10.0 }}
 """
-FREQUENCIES = f"""{BODY.replace("accelerometer_mass_g = 5.0", "")}
-[data]
-kind = "natural_frequencies"
-frequencies_hz = [120.0, 800.0, 1900.0, 4000.0]
-sd_relative = 0.003
+FREQUENCIES = f"""
+structure = {{ {ROD} }}
+{JOINT}
+data = {{ kind = "natural_frequencies", frequencies_hz = [120.0, 800.0, 1900.0, 4000.0], sd_relative = 0.003 }}
 """
 
 
@@ -102,13 +88,15 @@ def test_a_search_for_the_mode_builds_few_models(counted):
 
 
 def test_a_frame_is_meshed_for_a_reach_once(counted):
-    text = BODY.replace("length_mm = 383.0", 'kind = "frame"\ndirections = ["x", "y", "rz"]')
-    text = text.replace(
-        "elements = 10", 'points = { a = [0, 0, 0], b = [383, 0, 0] }\nmembers = [{ points = ["a", "b"] }]'
+    points = """points = { a = [0, 0, 0], b = [383, 0, 0] }, members = [{ points = ["a", "b"] }]"""
+    text = edited(
+        FREQUENCIES,
+        ("length_mm = 383.0", 'kind = "frame", directions = ["x", "y", "rz"]'),
+        ("elements = 10", points),
+        ('["1:y", "1:rz"]', '["a:y", "a:rz"]'),
+        ("120.0, 800.0, 1900.0, 4000.0", "120.0, 800.0"),
     )
-    text = text.replace("accelerometer_mass_g = 5.0\n", "").replace('"1:', '"a:')
-    frequencies = "[data]\nkind = 'natural_frequencies'\nfrequencies_hz = [120.0, 800.0]\nsd_relative = 0.003\n"
-    family = jb.case_from_text("frame", text + frequencies).problem.test.structures
+    family = jb.case_from_text("frame", text).problem.test.structures
     reach = family.reach_hz(5)
     counted.update(solved=0)
     assert replace(family, top_hz=100.0).reach_hz(5) == reach

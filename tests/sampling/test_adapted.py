@@ -52,27 +52,18 @@ def of_one_half(rng):
     return Proposal(most_likely_mixture(first_mixture(half, weight, 12, rng), half, weight), 0.4, 0)
 
 
-@pytest.fixture(scope="module")
-def runs():
-    rng = np.random.default_rng(3)
-    proposal, start = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)
-    plain = run_ensembles(
-        filament,
-        start,
-        np.random.default_rng(4),
-        replace(SETTINGS, max_steps=1200),
-        coordinates=proposal.coordinates,
-        proposal=proposal,
-    )
-    chains, last = run_adapted(
-        filament, start, np.random.default_rng(4), SETTINGS, systems=[Identity()], proposal=proposal
-    )
-    return plain, chains, last
+def adapted(density, start, proposal, settings=SETTINGS, seed=4, **more):
+    rng = np.random.default_rng(seed)
+    return run_adapted(density, start, rng, settings, systems=[Identity()], proposal=proposal, **more)
 
 
 @pytest.mark.science
-def test_a_run_whose_proposal_misses_half_the_density_converges_where_it_fits_it_anew(runs):
-    plain, chains, last = runs
+def test_a_run_whose_proposal_misses_half_the_density_converges_where_it_fits_it_anew_and_to_its_draws():
+    rng = np.random.default_rng(3)
+    proposal, start = of_one_half(rng), exact(4 * 24, rng).reshape(4, 24, 3)
+    in_it = {"coordinates": proposal.coordinates, "proposal": proposal}
+    plain = run_ensembles(filament, start, np.random.default_rng(4), replace(SETTINGS, max_steps=1200), **in_it)
+    chains, last = adapted(filament, start, proposal)
     assert not plain.converged
     assert chains.converged
     assert chains.discarded + chains.steps <= plain.steps
@@ -80,28 +71,17 @@ def test_a_run_whose_proposal_misses_half_the_density_converges_where_it_fits_it
     assert last.efficiency > 0.4
     assert f"{chains.discarded} earlier steps" in chains.reason
     assert chains.tau.max() < plain.tau.max() / 5
-
-
-@pytest.mark.science
-def test_its_draws_are_of_the_density(runs):
-    _, chains, _ = runs
-    draws = chains.draws().theta.reshape(-1, 3)
-    picked = np.random.default_rng(5).choice(draws, 800, replace=False)
-    assert stats.kstest(picked[:, 0], stats.norm.cdf).pvalue > 1e-3
-    assert np.std(picked[:, 1] - picked[:, 0] ** 2) == pytest.approx(WIDTH, rel=0.1)
-    assert np.std(picked[:, 2] - picked[:, 0] * picked[:, 1]) == pytest.approx(WIDTH, rel=0.1)
+    x, y, z = np.random.default_rng(5).choice(chains.draws().theta.reshape(-1, 3), 800, replace=False).T
+    assert stats.kstest(x, stats.norm.cdf).pvalue > 1e-3
+    assert [np.std(y - x**2), np.std(z - x * y)] == pytest.approx([WIDTH] * 2, rel=0.1)
 
 
 def test_a_run_that_converges_at_once_is_that_of_run_ensembles_bit_for_bit():
     rng = np.random.default_rng(1)
     proposal = fit_proposal(gaussian, [Identity()], [(np.zeros(2), np.eye(2))], rng)
-    start = rng.normal(size=(4, 24, 2))
-    plain = run_ensembles(
-        gaussian, start, np.random.default_rng(4), SETTINGS, coordinates=proposal.coordinates, proposal=proposal
-    )
-    chains, last = run_adapted(
-        gaussian, start, np.random.default_rng(4), SETTINGS, systems=[Identity()], proposal=proposal
-    )
+    start, in_it = rng.normal(size=(4, 24, 2)), {"coordinates": proposal.coordinates, "proposal": proposal}
+    plain = run_ensembles(gaussian, start, np.random.default_rng(4), SETTINGS, **in_it)
+    chains, last = adapted(gaussian, start, proposal)
     assert chains.converged
     assert last is proposal
     assert chains.theta.tobytes() == plain.theta.tobytes()
@@ -112,7 +92,7 @@ def test_a_run_that_mixes_well_and_wants_more_steps_goes_on_as_it_is():
     rng = np.random.default_rng(1)
     fitted = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
     start, settings = rng.normal(size=(4, 24, 2)), replace(SETTINGS, max_steps=800, end_tolerance=1e-4)
-    chains, last = run_adapted(gaussian, start, rng, settings, systems=[Identity()], proposal=fitted)
+    chains, last = adapted(gaussian, start, fitted, settings, rng)
     assert not chains.converged
     assert last is fitted
     assert (chains.discarded, chains.steps) == (0, 800)
@@ -145,9 +125,7 @@ def test_walkers_on_a_sheet_of_1e_minus_10_go_on_from_stage_to_stage(tmp_path, m
     def draws(resume):
         with UnfinishedRun(tmp_path / "run", resume=resume) as keeper:
             keeper.begin({"seed": "4"})
-            return run_adapted(
-                sheet, start, np.random.default_rng(4), settings, systems=[Identity()], proposal=poor, keeper=keeper
-            )[0]
+            return adapted(sheet, start, poor, settings, keeper=keeper)[0]
 
     chains = draws(False)
     assert (chains.converged, chains.discarded) == (True, 100)
@@ -181,7 +159,7 @@ def test_all_stages_together_make_no_more_steps_than_allowed_and_progress_counts
     poor = Proposal(StudentT(np.full(3, 9.0), 1e-4 * np.eye(3), 5.0), 0.5, 0)
     start = exact(4 * 8, rng).reshape(4, 8, 3)
     settings = replace(SETTINGS, walkers=8, max_steps=limit, tau_factor=1e6)  # never converged
-    chains, _ = run_adapted(filament, start, rng, settings, told.append, systems=[Identity()], proposal=poor)
+    chains, _ = adapted(filament, start, poor, settings, rng, progress=told.append)
     assert not chains.converged
     assert len(fitted) == fits
     assert chains.discarded + chains.steps == limit
@@ -215,8 +193,7 @@ def errors_of_ends(seed):
     weight = np.full(len(draws), 1 / len(draws))
     proposal = Proposal(most_likely_mixture(first_mixture(draws, weight, 12, rng), draws, weight), 0.5, 0)
     start = draws[: 4 * 24].reshape(4, 24, 3)
-    settings = SamplerSettings(walkers=24, max_steps=6000)
-    chains, _ = run_adapted(broad_thread, start, rng, settings, systems=[Identity()], proposal=proposal)
+    chains, _ = adapted(broad_thread, start, proposal, SETTINGS, rng)
     assert chains.converged
     assert chains.discarded >= 800
     x = chains.theta[:, chains.held_burn_in :, :, 0]
@@ -236,16 +213,13 @@ def test_a_converged_run_is_made_again_where_its_draws_lie_where_the_proposal_is
     good = Proposal(StudentT(np.zeros(3), np.eye(3), 5.0), 0.9, 0)
     poor = Proposal(StudentT(np.array([2.0, 0.0, 0.0]), np.eye(3), 5.0), 0.9, 0)
 
-    def run():
-        return run_adapted(gaussian, start, np.random.default_rng(6), SETTINGS, systems=[Identity()], proposal=good)
-
-    chains, last = run()
+    chains, last = adapted(gaussian, start, good, seed=6)
     assert last is good
     assert not sampler._misses_mass(good, chains)
     assert sampler._misses_mass(poor, chains)
     looks = iter([True, False])
     monkeypatch.setattr(sampler, "_misses_mass", lambda *_: next(looks))
-    again, refitted = run()
+    again, refitted = adapted(gaussian, start, good, seed=6)
     assert again.discarded == chains.steps
     assert refitted is not good
     assert refitted.efficiency > 0.7

@@ -131,10 +131,8 @@ class TestFit:
             def forward(self, theta):
                 raise AssertionError
 
-        start = (np.zeros(2), np.eye(2))
-        found = fit_proposal(
-            lambda x: -0.5 * np.sum(x**2, axis=1), [None, Forbidden()], [start], np.random.default_rng(1)
-        )
+        start, density = (np.zeros(2), np.eye(2)), lambda x: -0.5 * np.sum(x**2, axis=1)
+        found = fit_proposal(density, [None, Forbidden()], [start], np.random.default_rng(1))
         assert isinstance(found.density, StudentT)
         assert type(found.coordinates) is Identity
 
@@ -150,16 +148,13 @@ class TestFit:
         assert found.efficiency > 0.7
 
     def test_evaluations_are_those_made(self):
-        calls = []
+        calls, box = [], NormalScores([-20.0, -20.0], [20.0, 20.0])
 
         def counted(x):
             calls.append(len(x))
             return unequal_modes(x)
 
-        found = fit_proposal(
-            counted, [None, NormalScores([-20.0, -20.0], [20.0, 20.0])], BOTH, np.random.default_rng(3)
-        )
-        assert found.evaluations == sum(calls)
+        assert fit_proposal(counted, [None, box], BOTH, np.random.default_rng(3)).evaluations == sum(calls)
 
     def test_the_efficiency_is_that_of_other_draws(self):
         for seed in range(4):

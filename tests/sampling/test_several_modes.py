@@ -1,6 +1,7 @@
 """Several modes: their shares, the moves between them, and where walkers start."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from jointbayes.sampling.moves import JumpMove
 from jointbayes.sampling.proposal import refit_proposal
 from jointbayes.sampling.sampler import weighted_moves
 from jointbayes.sampling.stopping import diagnose
+from tests.oracles import differences
 
 SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
 NARROW, WIDE = np.array([[0.01, 0.004], [0.004, 0.04]]), np.array([[0.09, 0.0], [0.0, 0.25]])
@@ -40,6 +42,10 @@ def two_gaussians(theta):
     return np.logaddexp(np.log(SHARE) + first, np.log(1 - SHARE) + second)
 
 
+def anywhere(theta):
+    return np.zeros(len(theta))
+
+
 def mirrored(theta):
     """A ring segment and its image, which no Gaussian resembles."""
     first, second = theta, theta[:, ::-1]
@@ -49,24 +55,20 @@ def mirrored(theta):
 
 def test_a_point_carried_to_another_mode_and_back_is_where_it_was():
     modes = SeveralModes.from_starts(STARTS)
-    theta = np.array([[0.1, 7.9], [7.5, 0.4]])
-    here, there = np.array([0, 1]), np.array([1, 0])
+    theta, here, there = np.array([[0.1, 7.9], [7.5, 0.4]]), np.array([0, 1]), np.array([1, 0])
     moved, log_volume = modes.carried(theta, here, there)
     assert modes.nearest(moved).tolist() == there.tolist()
     back, log_back = modes.carried(moved, there, here)
     np.testing.assert_allclose(back, theta, rtol=1e-12)
     np.testing.assert_allclose(log_back, -log_volume)
-    step = 1e-6
-    ends = [modes.carried(theta[:1] + step * np.eye(2)[i], here[:1], there[:1])[0][0] for i in range(2)]
-    slope = (np.array(ends) - moved[0]) / step
-    assert np.log(abs(np.linalg.det(slope))) == pytest.approx(log_volume[0], abs=1e-6)
+    slopes = differences(lambda at: modes.carried(at, here, there)[0], theta)
+    assert np.linalg.slogdet(slopes.swapaxes(0, 1))[1] == pytest.approx(log_volume, abs=1e-6)
 
 
 def test_between_exact_images_the_map_is_the_exchange_itself():
     starts = [(np.array([1.0, 5.0]), NARROW), (np.array([5.0, 1.0]), SWAP @ NARROW @ SWAP)]
     modes = SeveralModes.from_starts(starts, np.array([np.eye(2), SWAP]))
-    np.testing.assert_allclose(modes.maps[0, 1], SWAP, atol=1e-12)
-    np.testing.assert_allclose(modes.maps[1, 0], SWAP, atol=1e-12)
+    np.testing.assert_allclose([modes.maps[0, 1], modes.maps[1, 0]], [SWAP, SWAP], atol=1e-12)
     theta = np.array([[1.05, 5.2]])
     moved, log_volume = modes.carried(theta, np.array([0]), np.array([1]))
     np.testing.assert_allclose(moved, theta[:, ::-1])
@@ -118,7 +120,7 @@ def test_a_run_has_the_shares_of_the_modes(efficiency):
     proposal = fit_each_mode(two_gaussians, [Identity()], STARTS, None, rng)
     if efficiency is not None:  # no independence move: what carries walkers is the jump
         proposal = replace(proposal, efficiency=efficiency)
-    start = starting_walkers(STARTS, lambda t: np.zeros(len(t)), settings, rng, proposal.shares)
+    start = starting_walkers(STARTS, anywhere, settings, rng, proposal.shares)
     chains = run_ensembles(two_gaussians, start, rng, settings, coordinates=Identity(), proposal=proposal)
     assert chains.converged
     theta = chains.draws(thinned=False).theta
@@ -172,7 +174,7 @@ def test_a_run_whose_walkers_cannot_jump_goes_on_to_its_end_and_has_not_converge
     rng = np.random.default_rng(7)
     proposal = replace(fit_each_mode(two, [Identity()], starts, None, rng), efficiency=0.0)
     wrong = replace(proposal.modes, maps=np.zeros_like(proposal.modes.maps) + 3.0 * np.eye(2))  # no jump is accepted
-    start = starting_walkers(starts, lambda t: np.zeros(len(t)), settings, rng)
+    start = starting_walkers(starts, anywhere, settings, rng)
     frozen = run_ensembles(two, start, rng, settings, coordinates=Identity(), proposal=replace(proposal, modes=wrong))
     jumping = run_ensembles(two, start, rng, settings, coordinates=Identity(), proposal=proposal)
     assert not frozen.converged
@@ -180,16 +182,11 @@ def test_a_run_whose_walkers_cannot_jump_goes_on_to_its_end_and_has_not_converge
     assert frozen.history[-1].modes_tau > 3 * jumping.history[-1].modes_tau > 0
 
 
-def test_walkers_begin_in_proportion_to_the_shares_and_at_least_one_about_each_mode():
-    settings = SamplerSettings(ensembles=4, walkers=20)
-    start = starting_walkers(
-        STARTS, lambda t: np.zeros(len(t)), settings, np.random.default_rng(6), np.array([0.999, 0.001])
-    )
-    assert ((start[..., 0] < 4).sum(axis=1) == 19).all()
-    start = starting_walkers(
-        STARTS, lambda t: np.zeros(len(t)), settings, np.random.default_rng(6), np.array([0.3, 0.7])
-    )
-    assert ((start[..., 0] < 4).sum(axis=1) == 6).all()
+@pytest.mark.parametrize(("shares", "first"), [([0.999, 0.001], 19), ([0.3, 0.7], 6)])
+def test_walkers_begin_in_proportion_to_the_shares_and_at_least_one_about_each_mode(shares, first):
+    settings, rng = SamplerSettings(ensembles=4, walkers=20), np.random.default_rng(6)
+    start = starting_walkers(STARTS, anywhere, settings, rng, np.array(shares))
+    assert ((start[..., 0] < 4).sum(axis=1) == first).all()
 
 
 def test_a_walker_that_could_not_come_back_stays():
@@ -214,29 +211,24 @@ def test_a_mode_with_a_draw_or_two_does_not_hold_up_a_run():
     assert check.r_hat_max < 1.01
 
 
-PROPOSAL = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
-
-
-def log_density(theta):
-    return -0.5 * (theta**2).sum(axis=1)
-
-
 def test_walkers_far_below_the_mode_are_replaced_and_the_others_left_alone():
     start = np.random.default_rng(1).normal(size=(2, 10, 2))
     start[0, 3] = [40.0, 0.0]
     start[1, 5] = [0.0, -10.1]  # ln p = -51
     start[1, 6] = [9.9, 0.0]  # ln p = -49
-    found = replace_far_walkers(start, log_density, -50.0, PROPOSAL, np.random.default_rng(2))
+    log_density = partial(one_gaussian, place=0.0, covariance=np.eye(2))
+    proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.9, 0)
+    found = replace_far_walkers(start, log_density, -50.0, proposal, np.random.default_rng(2))
     moved = np.any(found != start, axis=-1)
     assert np.argwhere(moved).tolist() == [[0, 3], [1, 5]]
     assert (log_density(found.reshape(-1, 2)) > -50).all()
-    assert np.array_equal(replace_far_walkers(found, log_density, -50.0, PROPOSAL, np.random.default_rng(2)), found)
+    assert np.array_equal(replace_far_walkers(found, log_density, -50.0, proposal, np.random.default_rng(2)), found)
 
 
 def test_every_ensemble_has_as_many_walkers_as_asked_for_however_many_modes_there_are():
     settings = SamplerSettings(ensembles=4, walkers=18)
     modes = [(np.array([100.0 * i, 0.0]), np.eye(2)) for i in range(5)]
-    start = starting_walkers(modes, lambda theta: np.zeros(len(theta)), settings, np.random.default_rng(3))
+    start = starting_walkers(modes, anywhere, settings, np.random.default_rng(3))
     assert start.shape == (4, 18, 2)
     nearest = np.round(start[..., 0] / 100).astype(int)
     assert [np.bincount(row).tolist() for row in nearest] == [[4, 4, 4, 3, 3]] * 4

@@ -7,18 +7,10 @@ import jointbayes as jb
 pytestmark = pytest.mark.science
 
 TEXT = """
-[structure]
-length_mm = 383.0
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = { shape = "circle", diameter_mm = 25.0 }
-damping = { law = "loss_factor", loss_factor = 0.005 }
-
-[joint]
-kind = "KIND"
-dofs = ["1:y", "1:rz"]
-loss_factors = ["all"]
-
+structure = { length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, \
+section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "loss_factor", loss_factor = 0.005 } }
+joint = { kind = "KIND", dofs = ["1:y", "1:rz"], loss_factors = ["all"] }
+compare.hypotheses = [HYPOTHESES]
 [data]
 kind = "synthetic_frf"
 outputs = ["11:y", "6:y"]
@@ -27,10 +19,6 @@ f_min_hz = 40.0
 f_max_hz = 2000.0
 f_step_hz = 40.0
 noise = { relative = 0.03, floor = 0.01, seed = 5 }
-
-[compare]
-hypotheses = [HYPOTHESES]
-
 [data.truth.stiffness]
 """
 SPRINGS, FULL = "ky = 5e7\nkrz = 6e4\n", "k11 = 5e7\nk12 = 1.2e6\nk22 = 6e4\n"
@@ -68,6 +56,6 @@ def test_data_of_a_coupled_joint_speak_against_springs():
 
 
 def test_a_joint_of_one_motion_cannot_be_coupled():
-    text = TEXT.replace("KIND", "springs").replace("HYPOTHESES", '"coupled"').replace(', "1:rz"]\nloss', "]\nloss")
+    text = TEXT.replace("KIND", "springs").replace("HYPOTHESES", '"coupled"').replace(', "1:rz"], loss', "], loss")
     with pytest.raises(jb.CaseError, match="hypothesis coupled of a joint in y; expected"):
         jb.compare([jb.case_from_text("case", f"{text}ky = 5e7\neta = 0.1\n")])

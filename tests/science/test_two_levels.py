@@ -12,42 +12,18 @@ from tests.conftest import first_in_ci
 pytestmark = pytest.mark.docs
 
 LAP_JOINT = """
-[structure]
-length_mm = 383.0
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = {shape = "circle", diameter_mm = 25.0}
-damping = {law = "modal", ratio = 0.001}
-[joint]
-kind = "springs"
-dofs = ["1:y", "1:rz"]
-loss_factors = ["krz"]
-own = true
-[prior]
-ky = {distribution = "log_uniform", low = 1e7, high = 1e10}
-krz = {distribution = "log_uniform", low = 1e3, high = 1e7}
-etarz = {distribution = "log_uniform", low = 0.001, high = 1}
-[level]
-name = "force"
-unit = "N"
-[data]
-kind = "synthetic_frf"
-outputs = ["11:y"]
-inputs = ["11:y"]
-f_max_hz = 1000.0
-f_step_hz = 5.0
-truth = {stiffness = {ky = 1e8, krz = 1e5, etarz = 0.03}}
-noise = {relative = 0.02, floor = 0.01, seed = 1}
-[tests.quiet]
-level = 1.0
-[tests.loud]
-level = 10.0
-[tests.loud.data.truth.stiffness]
-krz = 0.995e5
-etarz = 0.09
-[sampling]
-ensembles = 4
-walkers = 16
+structure = { length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, \
+section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "modal", ratio = 0.001 } }
+joint = { kind = "springs", dofs = ["1:y", "1:rz"], loss_factors = ["krz"], own = true }
+prior.ky = { distribution = "log_uniform", low = 1e7, high = 1e10 }
+prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e7 }
+prior.etarz = { distribution = "log_uniform", low = 0.001, high = 1 }
+level = { name = "force", unit = "N" }
+data = { kind = "synthetic_frf", outputs = ["11:y"], inputs = ["11:y"], f_max_hz = 1000.0, f_step_hz = 5.0, \
+truth = { stiffness = { ky = 1e8, krz = 1e5, etarz = 0.03 } }, noise = { relative = 0.02, floor = 0.01, seed = 1 } }
+tests.quiet.level = 1.0
+tests.loud = { level = 10.0, data.truth.stiffness = { krz = 0.995e5, etarz = 0.09 } }
+sampling = { ensembles = 4, walkers = 16 }
 """
 
 
