@@ -210,9 +210,9 @@ def test_part_of_the_way_is_proposed_in_many_dimensions_only():
 
 
 def test_a_mixture_as_a_whole_has_its_mean_and_scale_without_the_wide_component():
-    left, right, wide = (StudentT(np.array([x, 0.0]), s * np.eye(2), 5.0) for x, s in ((-1, 1.0), (3, 2.0), (0, 99.0)))
+    left, right, wide = (StudentT(np.array([x, 0.0]), s * np.eye(2), 5.0) for x, s in ((0, 1.0), (4, 2.0), (1, 99.0)))
     whole = StudentMixture((left, right, wide), np.array([0.6, 0.2, 0.2])).whole
-    np.testing.assert_allclose(whole.mean, [0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(whole.mean, [1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(whole.scale, np.diag([0.75 + 0.5 + 3.0, 0.75 + 0.5]))
 
 

@@ -104,12 +104,5 @@ def two_modes(distance=6.0, weight=0.7):
     )
 
 
-TARGETS = {
-    "gaussian-1": gaussian(1),
-    "gaussian-3": gaussian(3),
-    "gaussian-6": gaussian(6),
-    "student-t": student_t(),
-    "banana": banana(),
-    "truncated": truncated_gaussian(),
-    "two modes": two_modes(),
-}
+TARGETS = {f"gaussian-{d}": gaussian(d) for d in (1, 3, 6)}
+TARGETS |= {"student-t": student_t(), "banana": banana(), "truncated": truncated_gaussian(), "two modes": two_modes()}

@@ -94,15 +94,15 @@ def test_a_move_between_modes_leaves_the_density_as_it_is(name):
     assert smallest_level(outcome.theta, target) > LEVEL
 
 
+ROUGH = rough_modes()
+
+
 @pytest.mark.science
-def test_a_jump_without_the_volume_is_caught():
-    modes = rough_modes()
-    move = JumpMove(WithoutVolume(modes.centres, modes.factors, modes.maps))
-    target = two_modes()
+@pytest.mark.parametrize(
+    ("distance", "move"),
+    [(1.0, JumpMove(WithoutVolume(ROUGH.centres, ROUGH.factors, ROUGH.maps))), (0.3, AnyWayBack(rough_modes(0.3)))],
+    ids=["without the volume", "without a way back"],
+)
+def test_a_jump_that_is_wrong_is_caught(distance, move):
+    target = two_modes(distance)
     assert smallest_level(moved(target, move).theta, target) < LEVEL / 1e3
-
-
-@pytest.mark.science
-def test_a_jump_without_a_way_back_is_caught():
-    target = two_modes(0.3)
-    assert smallest_level(moved(target, AnyWayBack(rough_modes(0.3))).theta, target) < LEVEL / 1e3
