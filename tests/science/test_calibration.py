@@ -8,6 +8,7 @@ import pytest
 from benchmarks import calibration_page
 from benchmarks.calibration_data import VARIANTS, case_of
 from benchmarks.record import merged
+from scipy import stats
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, Ports
@@ -110,16 +111,12 @@ class Silent:
 
 def test_sampled_draws_that_are_a_little_too_narrow_are_noticed_in_the_ranks(right):
     # each rank made that of a posterior of half the width: further from the middle, in normal scores
-    from dataclasses import replace
-
-    from scipy import stats
-
     def narrowed(rank):
         score = stats.norm.ppf((np.array(rank) + 0.5) / (data_sets.DRAWS + 1))
         return tuple(np.floor(stats.norm.cdf(3 * score) * (data_sets.DRAWS + 1)).astype(int).tolist())
 
-    wrong = replace(right, data_sets=tuple(replace(one, rank=narrowed(one.rank)) for one in right.data_sets))
-    assert not wrong.passed
+    each = tuple(dataclasses.replace(one, rank=narrowed(one.rank)) for one in right.data_sets)
+    assert not dataclasses.replace(right, data_sets=each).passed
 
 
 @pytest.mark.parametrize("variant", ["nuisances", "all"])

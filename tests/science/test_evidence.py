@@ -23,13 +23,9 @@ KNOWN = {"clamped_beam_frequencies": (-16.0, 0.2), "clamped_beam_frequencies_360
 @pytest.fixture(scope="module", params=KNOWN)
 def measured(request):
     case = on_paper_elements(request.param)
-    found = evidence(
-        case.problem.log_posterior,
-        coordinate_systems(case.problem),
-        find_map(case).starts_for_draws,
-        np.random.default_rng(1),
-    )
-    return case, found, KNOWN[request.param]
+    density, systems = case.problem.log_posterior, coordinate_systems(case.problem)
+    found = evidence(density, systems, find_map(case).starts_for_draws, np.random.default_rng(1))
+    return density, found, KNOWN[request.param]
 
 
 def test_the_evidence_of_the_measured_frequencies_is_the_known_one(measured):
@@ -42,8 +38,7 @@ def test_the_evidence_of_the_measured_frequencies_is_the_known_one(measured):
 
 
 def test_draws_from_the_prior_give_the_same_evidence(measured):
-    case, found, _ = measured
-    log_posterior, rng = case.problem.log_posterior, np.random.default_rng(2)
+    (log_posterior, found, _), rng = measured, np.random.default_rng(2)
     draws = [log_posterior.prior.transform(rng.random((25_000, 3))) for _ in range(12)]
     likelihood = np.exp(np.concatenate([log_posterior.log_likelihood(theta) for theta in draws]) - found.log_z)
     error = likelihood.std() / math.sqrt(likelihood.size)
@@ -53,11 +48,8 @@ def test_draws_from_the_prior_give_the_same_evidence(measured):
 @pytest.mark.long
 @pytest.mark.parametrize("measured", first_in_ci(sorted(KNOWN, reverse=True), 1), indirect=True)
 def test_nested_sampling_gives_the_same_evidence(measured):
-    case, found, _ = measured
-    log_posterior = case.problem.log_posterior
-    nested = nested_evidence(
-        log_posterior.log_likelihood, log_posterior.prior.transform, 3, np.random.default_rng(3), live=100
-    )
+    (density, found, _), rng = measured, np.random.default_rng(3)
+    nested = nested_evidence(density.log_likelihood, density.prior.transform, 3, rng, live=100)
     assert abs(nested.log_z - found.log_z) < 4 * nested.error < 1.5
 
 
@@ -84,10 +76,8 @@ class TwoCouplings:
 @pytest.fixture(scope="module")
 def two_couplings():
     density = TwoCouplings()
-    starts = (
-        (np.array([22.0, 14.0, 0.96]), np.diag([0.01, 0.01, 0.001])),
-        (np.array([20.5, 12.5, -0.93]), np.diag([0.01, 0.01, 0.001])),
-    )
+    places, covariance = ([22.0, 14.0, 0.96], [20.5, 12.5, -0.93]), np.diag([0.01, 0.01, 0.001])
+    starts = tuple((np.array(place), covariance) for place in places)
     known = ComplianceCoordinates(SignedCoupling()), NormalScores(density.low, density.high)
     return density, starts, fit_proposal(density, known, starts, np.random.default_rng(4))
 
@@ -107,9 +97,8 @@ def test_chains_visit_two_modes_near_both_limits_in_proportion(two_couplings):
     settings = SamplerSettings(ensembles=4, walkers=24, tau_factor=20.0)
     # half of the walkers about each mode, though one is more than twice as heavy as the other
     balls = [rng.multivariate_normal(mean, 0.1 * covariance, size=(4, 12)) for mean, covariance in starts]
-    chains = run_ensembles(
-        density, np.concatenate(balls, axis=1), rng, settings, coordinates=proposal.coordinates, proposal=proposal
-    )
+    start, in_it = np.concatenate(balls, axis=1), {"coordinates": proposal.coordinates, "proposal": proposal}
+    chains = run_ensembles(density, start, rng, settings, **in_it)
     assert chains.converged, chains.reason
     positive = (chains.theta[:, chains.burn_in :, :, 2:] > 0).astype(float)
     error = math.sqrt(0.21 * autocorrelation_time(positive)[0] / positive.size)

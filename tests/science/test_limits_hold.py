@@ -66,16 +66,13 @@ def test_classes_are_counted_by_stiffness_and_verdict():
 @pytest.mark.parametrize(
     ("verdict", "held", "said"),
     [
-        ("weakly identified", 91, "**too seldom**"),
-        ("weakly identified", 92, "yes"),
-        ("weakly identified", 98, "yes"),
-        ("weakly identified", 99, "more often"),
-        ("bounded below", 92, "**too seldom**"),
-        ("bounded below", 93, "yes"),
-        ("bounded below", 100, "yes"),
+        *(("weakly identified", held, said) for held, said in [
+            (91, "**too seldom**"), (92, "yes"), (98, "yes"), (99, "more often")
+        ]),
+        *(("bounded below", held, said) for held, said in [(92, "**too seldom**"), (93, "yes"), (100, "yes")]),
         ("no verdict", 10, "–"),
     ],
-)
+)  # fmt: skip
 def test_what_is_wanted_of_a_class(verdict, held, said):
     assert limits_hold.finding({"joints": 100, "verdict": verdict, "held": held}) == said
     assert limits_hold.finding({"joints": 39, "verdict": verdict, "held": 0}) == "–"

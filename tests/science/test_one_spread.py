@@ -74,6 +74,11 @@ def of_the_rule(ratio):
     return "identified" if ratio <= 1.25 else "weakly identified" if ratio <= 3 else "not identified"
 
 
+def table_of(report, caption):
+    (table,) = (b for b in report.blocks() if isinstance(b, Table) and b.caption == caption)
+    return table
+
+
 def texts(report):
     return [b.text for b in report.blocks() if isinstance(b, Paragraph | Callout)]
 
@@ -111,10 +116,9 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
             clause = re.sub(r"^With [^:]+ exactly known: ", "", clause)
             if (match := re.match(_LIMIT, clause)) is not None:
                 name, side, printed = match.groups()
-                limit, prefixed = printed.split()
-                assert float(limit) * SCALE[prefixed.partition("N")[0]] == pytest.approx(
-                    limit_of(name, posterior.values(name), int(side == "above"), summary), rel=0.01
-                )
+                (limit, prefixed), end = printed.split(), int(side == "above")
+                expected = limit_of(name, posterior.values(name), end, summary)
+                assert float(limit) * SCALE[prefixed.partition("N")[0]] == pytest.approx(expected, rel=0.01)
                 found += 1
                 continue
             match = re.match(_SPREAD, clause)
@@ -132,8 +136,7 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
 
 def test_the_table_of_combinations_prints_the_same_numbers(written):
     posterior, report, summary = written
-    captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
-    table = captions["Combinations of the stiffnesses that are determined independently"]
+    table = table_of(report, "Combinations of the stiffnesses that are determined independently")
     for quantity, interval, ratio, sd, _ in table.rows:
         values = values_of(quantity, posterior)
         if " to " not in interval:
@@ -154,12 +157,10 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
     first = summary["identifiability"]["freed"][0]
     assert first["source"] == "this run"
     for name in NAMES:
-        assert first["interval95"][name] == summary["parameters"][name]["interval95"]
-        assert first["sd_log"][name] == summary["parameters"][name]["sd_log"]
-        assert first["verdict"][name] == summary["parameters"][name]["verdict"]
+        for key in ("interval95", "sd_log", "verdict"):
+            assert first[key][name] == summary["parameters"][name][key]
         assert first["interval95"][name] == pytest.approx(posterior.interval(name))
-    captions = {b.caption: b for b in report.blocks() if isinstance(b, Table)}
-    table = captions["Stiffness of the joint"]
+    table = table_of(report, "Stiffness of the joint")
     run = next(i for i, title in enumerate(table.head) if title.startswith("Inputs") and "workshop" not in title)
     known = {name: posterior.verdict(name) for name in NAMES}
     cells = _freed_row(UncertainInputsRow((), "this run", known), NAMES)

@@ -81,9 +81,8 @@ def test_it_says_when_it_leaves_the_cone_and_when_it_does_not_converge():
 def test_the_analytical_sensitivity_diverges_from_the_papers_guess_and_converges_from_nearby():
     away = _iterate(_measured(None), sensitivity="analytical")
     assert not away.converged
-    near = sensitivity_iteration(
-        rod(), CLAMP, _measured(None), TIP, TABLE_3 * [1.2, 1.05, 1.02], sensitivity="analytical", max_steps=60
-    )
+    nearby, options = TABLE_3 * [1.2, 1.05, 1.02], {"sensitivity": "analytical", "max_steps": 60}
+    near = sensitivity_iteration(rod(), CLAMP, _measured(None), TIP, nearby, **options)
     assert near.converged
     np.testing.assert_allclose(near.stiffness, TABLE_3, rtol=1e-6)
 
@@ -96,11 +95,9 @@ def test_the_history_starts_at_the_first_guess_and_ends_at_the_step_limit():
     assert history.residual_norm[0] > 1 > history.residual_norm[-1]
 
 
-def test_it_takes_mobility_or_accelerance_as_well():
-    measured = _measured(None)
-    for quantity in ("mobility", "accelerance"):
-        history = _iterate(measured.converted(quantity))
-        np.testing.assert_allclose(history.stiffness, TABLE_3, rtol=1e-6)
+@pytest.mark.parametrize("quantity", ["mobility", "accelerance"])
+def test_it_takes_mobility_or_accelerance_as_well(quantity):
+    np.testing.assert_allclose(_iterate(_measured(None).converted(quantity)).stiffness, TABLE_3, rtol=1e-6)
 
 
 def test_it_identifies_a_joint_between_two_parts():
@@ -115,9 +112,8 @@ def test_it_identifies_a_joint_between_two_parts():
 
 
 def test_a_missing_joint_frf_is_named():
-    only_tip = _measured(None).select(TIP, TIP)
     with pytest.raises(jb.MeasurementError, match="'1:y'"):
-        _iterate(only_tip)
+        _iterate(_measured(None).select(TIP, TIP))
 
 
 def test_a_measured_dof_may_be_one_of_the_joints():

@@ -60,18 +60,12 @@ def on_a_grid(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array, n: int =
         weight /= weight.sum()
         sides = [weight.sum(axis=1), weight.sum(axis=0)]
         step = np.diff(ends, axis=1)[:, 0] / n
-        ends = np.array([
-            [one[some.min()] - d, one[some.max()] + d]
-            for one, side, d in zip(k, sides, step, strict=True)
-            for some in [np.flatnonzero(side > 1e-12)]
-        ])  # fmt: skip
-        ends = np.clip(ends, LOW, HIGH)
+        held = [one[side > 1e-12][[0, -1]] for one, side in zip(k, sides, strict=True)]
+        ends = np.clip(held + step[:, None] * [-1, 1], LOW, HIGH)
     mean = np.array([one @ side for one, side in zip(k, sides, strict=True)])
     sd = np.sqrt([(one - m) ** 2 @ side for one, m, side in zip(k, mean, sides, strict=True)])
-    quantiles = np.array([
-        np.interp([0.025, 0.5, 0.975], np.cumsum(side) - side / 2, one) for one, side in zip(k, sides, strict=True)
-    ])  # fmt: skip
-    return mean, sd, quantiles
+    places = [np.cumsum(side) - side / 2 for side in sides]
+    return mean, sd, np.array([np.interp([0.025, 0.5, 0.975], at, one) for at, one in zip(places, k, strict=True)])
 
 
 def problem_of(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array) -> jb.Problem:
