@@ -498,10 +498,10 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
     """
     from jointbayes.posterior.stored_file import one_line_of, read_posterior
 
-    posterior, stated = read_posterior(path, problem)
-    problem, text, case = posterior.problem, posterior.record.case_text, None
-    if text:
+    problem, tree, read = read_posterior(path, problem)
+    record, mode, case = read.record, read.mode, None
+    if record.case_text:
         with one_line_of(os.fspath(path)):
-            case = case_around(problem, text, stated=stated)
-    iteration = identify(case or problem) if part_to_iterate(problem) is not None else None
-    return replace(posterior, estimate=replace(posterior.estimate, iteration=iteration), case=case)
+            case = case_around(problem, record.case_text, stated=read.of_case_text)
+    estimate = replace(read.map, iteration=identify(case or problem) if part_to_iterate(problem) is not None else None)
+    return Posterior(problem, tree, estimate, mode.theta, mode.log_density, record, case, read.knowledge)

@@ -6,9 +6,9 @@ version of the program computes another density.
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from jointbayes.errors import JointBayesError, MeasurementError, ModelError
 from jointbayes.inference import Problem
-from jointbayes.posterior.posterior import Posterior
 from jointbayes.posterior.storage import (
     PROBLEM_GROUP,
     RECORD,
@@ -60,8 +59,8 @@ class StoredFile:
     record: FileRecord
     groups: Mapping[str, Mapping[str, NDArray[Any]]]
 
-    def draws(self, problem: Problem) -> xr.DataTree:
-        """Draws of a problem, as `jointbayes.posterior.storage.values_tree` groups them.
+    def draws(self, problem: Problem) -> tuple[Array, Array, NDArray[np.int64], Array]:
+        """Values, ln p and ensembles of the draws of a problem, and draws of its prior: as `values_tree` takes them.
 
         Raises
         ------
@@ -86,7 +85,52 @@ class StoredFile:
         sizes = np.unique(ensemble, return_counts=True)[1]
         if (np.diff(ensemble) < 0).any() or len(set(sizes.tolist())) != 1:
             raise self._fault("posterior/ensemble: expected ensembles of as many chains each, one after the other")
-        return values_tree(problem, values, log_density, ensemble.astype(np.int64), before)
+        return values, log_density, ensemble.astype(np.int64), before
+
+    def require_same_density(
+        self, problem: Problem, values: Array, log_density: Array, before: Array, *, passed: bool
+    ) -> None:
+        """Refuse draws that are not of the problem's density: far outside its prior, or with another ln p.
+
+        Parameters
+        ----------
+        problem
+            The problem that was sampled.
+        values, log_density, before
+            What `draws` gave.
+        passed
+            Whether the caller passed the problem; it is then his own, on the same machine, and must agree closely.
+
+        Raises
+        ------
+        ModelError
+            If the density is another one.
+        """
+        theta = _coordinates(problem, values, self.where, "draws")
+        _coordinates(problem, before, self.where, "draws of the prior")
+        with np.errstate(all="ignore"):
+            if not np.isfinite(problem.prior.log_density(theta)).all():
+                raise ModelError(
+                    f"{self.where}: found draws that its prior excludes; expected draws of its problem; {REMEDY}"
+                )
+        rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
+        stored, points = log_density.ravel()[rows], theta[rows]
+        if not passed:
+            mode, estimate = self.record.mode, self.record.map
+            points = np.concatenate([points, mode.theta[None], estimate.theta[None]])
+            stored = np.append(stored, [mode.log_density, estimate.log_posterior])
+        with np.errstate(all="ignore"):  # a damaged mode may lie anywhere
+            computed = problem.log_posterior(points)
+        rtol, atol = (1e-9, 1e-6) if passed else (_RTOL, _ATOL)
+        if not np.allclose(computed, stored, rtol=rtol, atol=atol):
+            finite = np.where(np.isfinite(computed), computed, -1e300)  # outside the prior, or not a number
+            worst = int(np.argmax(np.abs(finite - stored)))
+            given = "the problem passed" if passed else "its problem"
+            raise ModelError(
+                f"{self.where}: found draws of another density than that of {given}: ln p is "
+                f"{stored[worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
+                f"that was sampled; {'pass that one' if passed else REMEDY}"
+            )
 
     def numbers(self, group: str, name: str, dimensions: int | None = None) -> Array:
         """An array of finite numbers.
@@ -138,7 +182,9 @@ class StoredFile:
         return MeasurementError(f"{self.where}: {found}; {REMEDY}")
 
 
-def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None) -> tuple[Posterior, bool]:
+def read_posterior(
+    path: str | os.PathLike[str], problem: Problem | None = None
+) -> tuple[Problem, xr.DataTree, FileRecord]:
     """Read a posterior file; its case is for the caller to add.
 
     Parameters
@@ -150,10 +196,12 @@ def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
 
     Returns
     -------
-    posterior : Posterior
-        With the problem that is stored with it, or the one passed.
-    stated : bool
-        Whether the text in its record states that problem.
+    problem : Problem
+        That which is stored with the draws, or the one passed.
+    tree : xarray.DataTree
+        The draws.
+    record : FileRecord
+        All else.
 
     Raises
     ------
@@ -161,27 +209,20 @@ def read_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
         As `jointbayes.load_posterior` says.
     """
     stored, passed = read_stored(path), problem is not None
-    where, record, description = stored.where, stored.record, stored.record.problem
+    where, record = stored.where, stored.record
     with one_line_of(where):
         if problem is None:
-            problem = problem_from(stored.problem_array, description, where)
+            problem = problem_from(stored.problem_array, record.problem, where)
         else:
-            require_same_problem(problem, description, where)
+            require_same_problem(problem, record.problem, where)
         _require_agreement(problem, record, where)
-        posterior = Posterior(
-            problem,
-            stored.draws(problem),
-            record.map,
-            record.mode.theta,
-            record.mode.log_density,
-            record.record,
-            _kept_knowledge=record.knowledge,
-        )
+        values, log_density, ensemble, before = stored.draws(problem)
         if not passed:
-            _require_same_density(posterior, where, passed=False)
+            stored.require_same_density(problem, values, log_density, before, passed=False)
     if passed:
-        _require_same_density(posterior, where, passed=True)
-    return posterior, record.of_case_text and not passed
+        stored.require_same_density(problem, values, log_density, before, passed=True)
+    tree = values_tree(problem, values, log_density, ensemble, before)
+    return problem, tree, replace(record, of_case_text=record.of_case_text and not passed)
 
 
 def read_stored(path: str | os.PathLike[str]) -> StoredFile:
@@ -290,62 +331,18 @@ def _is_covariance(matrix: Array, dimension: int) -> bool:
     return bool(np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation).min() > -1e-6)
 
 
-def _require_same_density(posterior: Posterior, where: str, *, passed: bool) -> None:
-    """Refuse draws that are not of the problem's density: far outside its prior, or with another ln p.
-
-    Parameters
-    ----------
-    posterior
-        With its problem.
-    where
-        The file, for messages.
-    passed
-        Whether the caller passed the problem; it is then his own, on the same machine, and must agree closely.
-
-    Raises
-    ------
-    ModelError
-        If the density is another one.
-    """
-    problem = posterior.problem
-    theta = _coordinates(posterior, posterior.stiffness, posterior.values, where, "draws")
-    _coordinates(posterior, posterior.prior_stiffness, posterior.prior_values, where, "draws of the prior")
-    with np.errstate(all="ignore"):
-        if not np.isfinite(problem.prior.log_density(theta)).all():
-            raise ModelError(f"{where}: found draws that its prior excludes; expected draws of its problem; {REMEDY}")
-    rows = np.linspace(0, len(theta) - 1, _COMPARED).round().astype(int)
-    stored = posterior.log_density.ravel()[rows]
-    points = theta[rows]
-    if not passed:
-        points = np.concatenate([points, posterior.mode_theta[None], posterior.estimate.theta[None]])
-        stored = np.append(stored, [posterior.mode_log_density, posterior.estimate.log_posterior])
-    with np.errstate(all="ignore"):  # a damaged mode may lie anywhere
-        computed = problem.log_posterior(points)
-    rtol, atol = (1e-9, 1e-6) if passed else (_RTOL, _ATOL)
-    if not np.allclose(computed, stored, rtol=rtol, atol=atol):
-        finite = np.where(np.isfinite(computed), computed, -1e300)  # outside the prior, or not a number
-        worst = int(np.argmax(np.abs(finite - stored)))
-        given = "the problem passed" if passed else "its problem"
-        raise ModelError(
-            f"{where}: found draws of another density than that of {given}: ln p is "
-            f"{stored[worst]:.6g} in the file and {computed[worst]:.6g} by the problem; expected the problem "
-            f"that was sampled; {'pass that one' if passed else REMEDY}"
-        )
-
-
-def _coordinates(
-    posterior: Posterior, stiffness: Array, values: Callable[[str], Array], where: str, what: str
-) -> Array:
+def _coordinates(problem: Problem, values: Array, where: str, what: str) -> Array:
     """θ of draws, shape (n, d); refused where nobody can have drawn them, which arithmetic may not survive."""
-    prior = posterior.problem.prior
+    prior, flat = problem.prior, values.reshape(-1, values.shape[-1])
+    stiffness, rest = np.split(flat, [len(problem.quantities)], axis=1)
     low, high = prior.support
     low = np.where(np.isfinite(low), low, prior.mean - _FAR * prior.sd) - prior.sd
     high = np.where(np.isfinite(high), high, prior.mean + _FAR * prior.sd) + prior.sd
     with np.errstate(all="ignore"):
         if not prior.parametrisation.describes(stiffness).all():
             raise ModelError(f"{where}: found {what} that are no joint; expected joints of its problem; {REMEDY}")
-        rest = [n.coordinate(values(n.name).ravel())[:, None] for n in prior.nuisances]
-        theta = np.concatenate([prior.parametrisation.coordinates(stiffness), *rest], axis=1)
+        columns = [n.coordinate(column)[:, None] for n, column in zip(prior.nuisances, rest.T, strict=True)]
+        theta = np.concatenate([prior.parametrisation.coordinates(stiffness), *columns], axis=1)
         inside = (theta >= low) & (theta <= high)
     if not inside.all():
         raise ModelError(f"{where}: found {what} that its prior excludes; expected draws of its problem; {REMEDY}")
