@@ -35,7 +35,7 @@ from jointbayes.errors import CaseError
 from jointbayes.frf import Ports, Substructures
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
-from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
+from jointbayes.posterior.first_look import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure import Section
 from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test

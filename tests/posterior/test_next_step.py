@@ -13,8 +13,7 @@ import jointbayes as jb
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance
 from jointbayes.joint import Joint, Joints
-from jointbayes.posterior.candidate import modes_hit_free
-from jointbayes.posterior.first_look import FirstLook, measurement_information
+from jointbayes.posterior.first_look import FirstLook, measurement_information, modes_hit_free
 from jointbayes.posterior.identifiability import ratio_of
 from jointbayes.posterior.next_step import _candidates, _hit_free, next_step, spread_in_words
 from jointbayes.posterior.prediction import frfs_as_measured

@@ -8,10 +8,12 @@ import pytest
 from benchmarks import several_modes as study
 
 import jointbayes as jb
+from jointbayes.posterior.any_posterior import LEAST_SHARE, Solutions, _are_apart
 from jointbayes.posterior.knowledge import effect_of_uncertain_inputs, known_by_bounds
 from jointbayes.posterior.limits import FALL_PRINTED, FALL_TWO_SIDED
-from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, further_measurement
-from jointbayes.posterior.widened import _drawn_anew, widened_prior
+from jointbayes.posterior.prediction import further_measurement
+from jointbayes.posterior.widened import widened_prior
+from jointbayes.posterior.wider_draws import _drawn_anew
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
 from tests.conftest import CONFIGS, TO_CONVERGE, on_one_line, unsettled

@@ -10,14 +10,16 @@ import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.frf import DirectSolve
 from jointbayes.inference import ProportionalNoise
-from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.first_look import (
     FirstLook,
     FisherInformation,
+    FrfCandidate,
     Linearised,
+    estimated_law,
     fisher_information,
     measurement_information,
+    repeated,
     sd_of,
     sets_of,
     worth_simulating,

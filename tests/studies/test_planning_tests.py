@@ -10,8 +10,7 @@ import jointbayes as jb
 from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.inference.noise.student_t import StudentNoise
-from jointbayes.posterior.candidate import FrfCandidate
-from jointbayes.posterior.first_look import FirstLook, WithOwn, fisher_information, own_of
+from jointbayes.posterior.first_look import FirstLook, FrfCandidate, WithOwn, fisher_information, own_of
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther

@@ -33,7 +33,7 @@ from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
 from jointbayes.joint import Quantity
 from jointbayes.joint.parametrisation import RIGID
-from jointbayes.posterior.any_posterior import AnyPosterior
+from jointbayes.posterior.any_posterior import LEAST_SHARE, AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -51,10 +51,10 @@ from jointbayes.posterior.identifiability import (
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.next_step import NextStep
-from jointbayes.posterior.solutions import LEAST_SHARE
 from jointbayes.posterior.verdicts import Finding, by_likelihood, concluded, found_with_wider_priors, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
-from jointbayes.posterior.widened import ENOUGH_FOR_CLASS, WidenedPosterior, replace_prior, widen
+from jointbayes.posterior.widened import WidenedPosterior, replace_prior
+from jointbayes.posterior.wider_draws import ENOUGH_FOR_CLASS, widen
 from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import (
     ENOUGH,

@@ -16,11 +16,13 @@ from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints
 from jointbayes.posterior.any_posterior import AnyPosterior
-from jointbayes.posterior.candidate import (
+from jointbayes.posterior.coordinates import by_names
+from jointbayes.posterior.first_look import (
     FREE,
     FREE_WORDS,
     RELATIVE_CALIBRATION,
     Candidate,
+    FirstLook,
     ModalCandidate,
     as_measured,
     estimated_law,
@@ -28,9 +30,7 @@ from jointbayes.posterior.candidate import (
     modes_hit_free,
     repeated,
     scatter,
-)  # fmt: skip
-from jointbayes.posterior.coordinates import by_names
-from jointbayes.posterior.first_look import FirstLook
+)
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.phrases import WORKSHOP
 from jointbayes.rounding import number, sentence_start

@@ -16,6 +16,7 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
+from jointbayes.posterior.any_posterior import Solutions
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
@@ -40,7 +41,6 @@ from jointbayes.posterior.next_step import next_step
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
-from jointbayes.posterior.solutions import Solutions
 from jointbayes.posterior.storage import (
     BestDraw,
     FileRecord,
@@ -63,7 +63,8 @@ from jointbayes.posterior.summary import (
 )
 from jointbayes.posterior.verdicts import MOST_UNKNOWNS, judge_stiffness, line_of
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
-from jointbayes.posterior.widened import WidenedPosterior, widen_posterior
+from jointbayes.posterior.widened import WidenedPosterior
+from jointbayes.posterior.wider_draws import widen_posterior
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines, number
 from jointbayes.structure import StructureRecipe

@@ -1,18 +1,19 @@
-"""What posterior draws predict: FRF bands, and what was left out of the data."""
+"""What posterior draws predict: FRF bands, what was left out of the data, and FRFs that tell solutions apart."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import MeasurementError, require, require_probability
+from jointbayes.errors import JointBayesError, MeasurementError, require, require_probability
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.inference import Problem
-from jointbayes.joint.quantities import prefixed
+from jointbayes.joint.quantities import is_rotation, prefixed
 from jointbayes.rounding import number
 from vibrecords import FrfSet, Quantity, quantity_factor
 from vibrecords.arrays import Array
@@ -22,6 +23,10 @@ _MOST_FRF_DRAWS = 400  # that predict lines which were left out
 _MOST_SHOWN = 60  # values in a table
 _MOST_NAMED = 3  # values outside, in a sentence
 _DRAWS_AT_ONCE = 32  # whose errors of measured bodies are held in memory
+_LINES_COMPARED = 200  # at which FRFs of the solutions are compared
+_MOST_PLACES = 1000  # of further sensors that are compared
+_ALIKE = 1e-3  # of |H|: FRFs that differ by less are equal
+_SHALLOWEST = 0.1  # of the median |H|: smaller values lie below the noise of other lines
 _SEED = 8  # of these errors: a band is the same at every look
 
 
@@ -338,3 +343,44 @@ def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
     """
     relative = problem.test.residual_kind == "log_magnitude"  # what is stated of ln|H| is variance/|H|²
     return problem.with_test(data=problem.test.data.with_values(values, relative=relative))
+
+
+def further_measurement(problem: Problem, theta: Array) -> str:
+    """At which DOF the FRFs of several solutions, θ of shape (m, d), differ the most, in a sentence; or empty.
+
+    Of the translations of the model's points that are not measured, with the force where it is, that at which the two
+    solutions that differ the least differ the most, as the root of the mean square over the lines relative to |H|. Of
+    modes as data force and sensor are at one point.
+    """
+    part = ([part for part in problem.parts if part.test.data.frfs] or list(problem.parts))[0]
+    measured = part.test.data.frfs
+    labels = part.test.structures_of_data.labels
+    evenly = labels[:: -(-len(labels) // _MOST_PLACES)]
+    candidates = tuple(dof for dof in evenly if dof.rpartition(":")[0].isalnum() and not is_rotation(dof))
+    if measured is not None:
+        candidates = tuple(label for label in candidates if label not in measured.frf.outputs)
+        lines, inputs = measured.frf.frequency_hz, measured.frf.inputs[:1]
+        noise = float(np.median(np.sqrt(measured.variance) / np.abs(measured.frf.values)))
+    else:
+        lines, inputs, noise = np.linspace(0.5, 1.2, _LINES_COMPARED) * part.test.data.top_hz, candidates, 0.0
+    if not (candidates and part.test.data.top_hz):  # of a static test nobody knows the band of a further one
+        return ""
+    lines = lines[np.linspace(0, len(lines) - 1, min(len(lines), _LINES_COMPARED)).round().astype(int)]
+    prior = problem.prior
+    try:
+        ports = Ports(lines, candidates, inputs)
+        frf = frfs_as_measured(part, ports, "receptance", prior.values(theta), prior.factors(theta))
+    except JointBayesError:  # a body given by its FRFs has them at its measured DOFs alone
+        return ""
+    frf = frf[..., 0] if measured is not None else np.diagonal(frf, axis1=2, axis2=3)
+    size = np.abs(frf).mean(axis=0)
+    size = np.maximum(size, _SHALLOWEST * np.median(size, axis=0))
+    pairs = [np.abs((frf[i] - frf[j]) / size) for i, j in combinations(range(len(theta)), 2)]
+    difference = np.sqrt(np.mean(np.square(pairs), axis=1)).min(axis=0)
+    best = int(np.argmax(difference))
+    if not difference[best] > max(noise, _ALIKE):
+        return "No single sensor at another point of the model would tell them apart."
+    place = candidates[best]
+    where = f"A sensor at {place} with the force at {inputs[0]}" if noise else f"An FRF at {place}"
+    text = f"{where} would tell them apart: there their FRFs differ by {100 * difference[best]:.0f} % of |H|"
+    return f"{text}, {number(difference[best] / noise, 2)} times the noise." if noise else f"{text}."

@@ -14,7 +14,6 @@ from pydantic import ConfigDict, Field, with_config
 from typing_extensions import TypedDict
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.reproducibility import code_version
@@ -97,44 +96,6 @@ class RunRecord:
     def limit_to_raise(self) -> str:
         """Key of ``[sampling]`` that ended a run which has not settled."""
         return "budget_s" if "budget_s" in self.reason else "max_steps"
-
-
-class AnyDraws(Protocol):
-    """Draws of a posterior and how they came about; each member is described by the class."""
-
-    @property
-    def problem(self) -> Problem:
-        """Structure, joint, data and prior."""
-
-    @property
-    def estimate(self) -> MapEstimate:
-        """MAP with Laplace covariance."""
-
-    @property
-    def mode_theta(self) -> Array:
-        """The best draw refined, shape (d,)."""
-
-    @property
-    def record(self) -> RunRecord:
-        """How the draws came about."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the sampler met its stop rule."""
-
-    @property
-    def theta(self) -> Array:
-        """All draws of θ, shape (n, d), chain after chain."""
-
-    @property
-    def stiffness_names(self) -> tuple[str, ...]:
-        """Names of the joint's stiffnesses."""
-
-    def values(self, name: str) -> Array:
-        """All draws of one stiffness or other quantity, shape (chains, draws)."""
-
-    def unit(self, name: str) -> str:
-        """Unit of one stiffness or other quantity."""
 
 
 class SampledCase(Protocol):

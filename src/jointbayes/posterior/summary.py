@@ -11,7 +11,7 @@ import numpy as np
 
 from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Level, Premises, Problem
-from jointbayes.posterior.any_posterior import AnyPosterior
+from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.curves import ScatterSummary, assembly_scatters
 from jointbayes.posterior.diagnosis import Diagnosis
@@ -21,7 +21,6 @@ from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
 from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
-from jointbayes.posterior.solutions import ModeSummary
 from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
 from jointbayes.rounding import align_columns, in_lines, json_ready, number, signed, with_interval
 from jointbayes.sampling import INTERVAL, quantile_error

@@ -1,7 +1,7 @@
 """The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
 
 In order: the draws are judged by `jointbayes.posterior.identifiability`; a stiffness to which several modes give
-different values is not identified, see `jointbayes.posterior.solutions`; the same posterior with every prior of the
+different values is not identified, see `jointbayes.posterior.any_posterior`; the same posterior with every prior of the
 joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
 otherwise; a run that failed has none. Nor has one whose model does not explain measured data, which no structure's
 quite does: see `jointbayes.posterior.decision`. Of computed data it makes the verdict conditional.

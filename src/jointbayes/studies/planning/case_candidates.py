@@ -28,7 +28,7 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import AnyStructure, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint import Joints, joints_of
-from jointbayes.posterior.candidate import (
+from jointbayes.posterior.first_look import (
     FREE,
     FREE_WORDS,
     RELATIVE_CALIBRATION,
@@ -42,7 +42,7 @@ from jointbayes.posterior.candidate import (
     modes_hit_free,
     repeated,
     scatter,
-)  # fmt: skip
+)
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from vibrecords import ModalData, Quantity
 from vibrecords.arrays import Array

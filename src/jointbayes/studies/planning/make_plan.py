@@ -29,10 +29,10 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import Problem
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.candidate import Candidate
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT
 from jointbayes.posterior.first_look import (
+    Candidate,
     FirstLook,
     Linearised,
     Names,

@@ -12,8 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.inference import Problem
-from jointbayes.posterior.candidate import Candidate
-from jointbayes.posterior.first_look import Linearised, Names
+from jointbayes.posterior.first_look import Candidate, Linearised, Names
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.report.canvas import legend_above, margin_labels, panels, svg
