@@ -28,7 +28,7 @@ from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.posterior import Posterior
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
-from jointbayes.report import ReportInputs, figures
+from jointbayes.report import ReportInputs, drawing
 from jointbayes.sampling import SamplerSettings, distributions
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.workflow import sample
@@ -151,7 +151,7 @@ def plain_reports() -> Iterator[None]:
     """
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "svg", lambda *_: blank)
+        patch.setattr(drawing, "svg", lambda *_: blank)
         patch.setattr(posterior_module, "_profiles", lambda *_: ())
         patch.setattr(case, "find_numbering", lambda *_: None)
         # not kept with a posterior that other tests share: what they ask of it is whole

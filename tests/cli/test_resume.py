@@ -86,9 +86,9 @@ def test_a_signal_while_the_report_is_written_leaves_the_draws_and_nothing_hidde
         "from jointbayes.cli.commands import main\n"
         "workflow.sample = lambda *_a, **_o: jb.load_posterior('draws.nc')\n"
         "run_directory.render_pdf = lambda _report: os.kill(os.getpid(), 15)\n"
-        "from jointbayes.posterior import posterior\nfrom jointbayes.report import figures\n"
+        "from jointbayes.posterior import posterior\nfrom jointbayes.report import drawing\n"
         "posterior._profiles = posterior.effect_of_uncertain_inputs = lambda *_: ()\n"
-        "figures.svg = lambda *_: '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\nmain()"
+        "drawing.svg = lambda *_: '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\nmain()"
     )
     done = program(tmp_path, code, "run", config.name, "--out", "out")
     assert done.returncode == 143, done.stderr

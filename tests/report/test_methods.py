@@ -11,9 +11,8 @@ from benchmarks.size import ROOT
 from jointbayes.inference import NoiseModel, Normal, StudentNoise
 from jointbayes.report import Report, render_html
 from jointbayes.report.guides import packaged
-from jointbayes.report.methods import methods_text, references, report_text
+from jointbayes.report.methods import methods_section, methods_text, references, report_text
 from jointbayes.report.run_directory import write_into
-from jointbayes.report.sections.methods import methods_section
 from jointbayes.structure import Body, DampingLaw
 
 SRC = ROOT / "src" / "jointbayes"

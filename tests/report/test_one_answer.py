@@ -12,7 +12,7 @@ import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.posterior.summary import stiffness_row
 from jointbayes.posterior.verdicts import line_of
-from jointbayes.report import ReportInputs, build_report, figures, render_html, render_pdf
+from jointbayes.report import ReportInputs, build_report, drawing, render_html, render_pdf
 from jointbayes.report.export import central_joint, export
 from jointbayes.report.line_plot import FrfPlot
 from jointbayes.workflow import AS_ASKED
@@ -84,7 +84,7 @@ SILENT = {
 def plain_figures(monkeypatch):
     """Reports with blank figures and without profiles, whose numbers are no claim here."""
     monkeypatch.setattr(
-        figures, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
+        drawing, "svg", lambda *_: '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     )
     monkeypatch.setattr("jointbayes.posterior.posterior._profiles", lambda *_: ())
     monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)

@@ -10,8 +10,7 @@ import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import parse
 from jointbayes.report.model import Figure, Paragraph
-from jointbayes.report.sections.lead import lead
-from jointbayes.report.sections.tested import blocks_on_tests
+from jointbayes.report.sections.lead import blocks_on_tests, lead
 from jointbayes.report.structure_sketch import _drawing, _Places, dof_words, sketch
 from tests.conftest import CONFIGS, cheap_text, of_case
 
@@ -94,7 +93,7 @@ def test_the_sentence_is_made_from_the_data(cheap_posterior):
 
 
 def test_a_structure_that_nobody_can_draw_is_told_in_words(cheap_posterior, monkeypatch):
-    monkeypatch.setattr("jointbayes.report.sections.tested.sketch", lambda *_: "")
+    monkeypatch.setattr("jointbayes.report.sections.lead.sketch", lambda *_: "")
     (text,) = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
     assert isinstance(text, Paragraph)
     assert text.text.startswith("**Tested.** Beam, 383 mm long")

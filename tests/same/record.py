@@ -18,7 +18,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from jointbayes.posterior import Posterior
-from jointbayes.report import ReportInputs, build_report, figures, render_html
+from jointbayes.report import ReportInputs, build_report, drawing, render_html
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
@@ -44,7 +44,7 @@ Record = dict[str, Any]
 def shortened(name: str) -> Iterator[None]:
     """Short runs wherever the report makes one, and no pictures."""
     with (
-        patch.object(figures, "svg", lambda *_: _BLANK),
+        patch.object(drawing, "svg", lambda *_: _BLANK),
         patch.object(SamplerSettings, "for_one_of_many", quick),
         plain_reports() if name in DEAR else nullcontext(),
     ):

@@ -8,6 +8,7 @@ from typing import TypeAlias, TypeVar
 
 from jointbayes.report.guides import with_guides
 from jointbayes.report.inputs import ReportInputs, TestInputs
+from jointbayes.report.methods import methods_section, terms_section
 from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
 from jointbayes.report.sections.fit_to_data import fit_section
@@ -22,7 +23,6 @@ from jointbayes.report.sections.measured_data import (
     measured_modes_section,
     measurement_section,
 )
-from jointbayes.report.sections.methods import methods_section, terms_section
 from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
 from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test

@@ -9,12 +9,12 @@ import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from jointbayes.inference import Problem
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
-from jointbayes.report.model import Kind
 
+Kind: TypeAlias = Literal["good", "caution", "bad"]
 #: Uncertain quantities in a sentence, and on an axis.
 _WORDS = {
     "youngs_modulus": ("Young's modulus", "ln E"),

@@ -1,4 +1,4 @@
-"""How the numbers of a report came about, in the words of ``texts/methods.toml``, and what to cite for it.
+"""How the numbers of a report came about, in the words of ``texts/methods.toml``, what to cite for it, and its terms.
 
 A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file beside the report.
 """
@@ -9,9 +9,10 @@ from importlib.resources import files
 
 from jointbayes.posterior.identifiability import RULE
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.report.guides import packaged
+from jointbayes.report.guides import packaged, terms
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, readable
+from jointbayes.report.model import Paragraph, ReportSection, Table
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
 
@@ -87,3 +88,15 @@ def _words(part: object) -> str:
 
 def _ranges(quantities: Iterable[tuple[str, tuple[float, float], str]], digits: int) -> str:
     return ", ".join(f"{name} ({join_unit(interval(ends, digits), unit)})" for name, ends, unit in quantities)
+
+
+def methods_section(inputs: ReportInputs) -> ReportSection:
+    """A paragraph to paste into a paper; what it cites is in a file of the run directory."""
+    return ReportSection("methods", "Methods", (Paragraph(methods_text(inputs)),), appendix=True)
+
+
+def terms_section(text: str) -> ReportSection:
+    """What the terms of a report mean, of those that its text has."""
+    used = tuple(row for row in terms().items() if any(term in text for term in row[0].split(", ")))
+    table = Table("Terms", ("Term", "Meaning"), used, align="ll")
+    return ReportSection("terms", "Terms", (table,), appendix=True)

@@ -10,12 +10,11 @@ import re
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import chain, count
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, TypeAlias, get_args
 
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Wireframe
+from jointbayes.report.markup import Kind as Kind
 from jointbayes.rounding import align_columns
-
-Kind: TypeAlias = Literal["good", "caution", "bad"]
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
 _NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")

@@ -10,8 +10,8 @@ from typing import Any
 
 import typst
 
-from jointbayes.report.markup import SYMBOLS, badge, clean, parse, plain, plain_characters
-from jointbayes.report.model import Block, Callout, Code, Figure, Kind, Lights, Paragraph, Report, Table
+from jointbayes.report.markup import SYMBOLS, Kind, badge, clean, parse, plain, plain_characters
+from jointbayes.report.model import Block, Callout, Code, Figure, Lights, Paragraph, Report, Table
 from jointbayes.report.page_budget import block_height
 
 _LONG_WORD = re.compile(r"\S{20,}")

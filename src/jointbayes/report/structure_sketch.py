@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Canvas
 from jointbayes.inference import Problem, Test
 from jointbayes.joint import Joint, Joints
 from jointbayes.report.canvas import svg
-from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.line_plot import OBLIQUE, SERIES_COLOURS
 from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe
@@ -22,8 +22,6 @@ Kind = Literal["joint", "force", "sensor"]
 _COLOURS: dict[Kind, str] = {"force": SERIES_COLOURS[0], "joint": SERIES_COLOURS[1], "sensor": SERIES_COLOURS[2]}
 _GREY = "#5b6672"
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-#: A place (x, y, z) on paper: how much of the third axis goes to the right and up.
-OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [0.45, 0.3]])
 _WIDTH, _LEAST, _MOST = 3.4, 0.9, 2.2  # inches, of one test
 _FOOT = 0.2  # inches below all, for the key
 _LABEL = 0.25  # inches above the highest arrow, for its name

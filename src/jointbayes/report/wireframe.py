@@ -8,8 +8,7 @@ import numpy as np
 from jointbayes.frf import AssembledShapes
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
-from jointbayes.report.line_plot import Wireframe
-from jointbayes.report.structure_sketch import OBLIQUE
+from jointbayes.report.line_plot import OBLIQUE, Wireframe
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords.arrays import Array

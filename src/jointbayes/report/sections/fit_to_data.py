@@ -5,7 +5,7 @@ import numpy as np
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.report import drawing, figures
+from jointbayes.report import drawing
 from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import TestInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
@@ -45,7 +45,7 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
         "Squared misfit of each line over the noise's, mean over the draws; the line is a running mean over 1 % "
         "of the lines. Where it stays above 1 the model is wrong.",
         f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
-        figures.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),
+        drawing.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),
         LinePlot("Frequency (Hz)", "Squared residual", tuple(series), log_y=True),
     )
 
@@ -110,6 +110,6 @@ def _figure(plot: FrfPlot, share: float, said: str) -> Figure:
         f"frf-{plot.place[0]}-{plot.place[1]}",
         f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior. {said}",
         f"Magnitude and phase of the {title}, {first:g} to {last:g} Hz: {measured}, first guess, MAP and 95 % band.",
-        figures.frf_overlay(plot, share),
+        drawing.frf_overlay(plot, share),
         plot,
     )

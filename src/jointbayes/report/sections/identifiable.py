@@ -9,7 +9,7 @@ from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict, listed
 from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.what_decides import WhatDecides
-from jointbayes.report import figures
+from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
@@ -133,7 +133,7 @@ def _decides_blocks(decides: WhatDecides) -> list[Block]:
     shown: Figure | Table
     if np.isfinite(ends).all() and (np.array(ends) > 0).all():
         alt = f"Bars of the intervals of {' and '.join(names)} with each input alone uncertain, between none and all."
-        svg = figures.tornado(names, labels, np.array(ends))
+        svg = drawing.tornado(names, labels, np.array(ends))
         shown = Figure("tornado", f"{caption}, widest first; the band is that with all exact. {note}", alt, svg)
     else:
         units = {name: decides.exact[name].unit for name in names}
@@ -189,7 +189,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
             "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
             "dashed, the limit at 95 %.",
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            figures.profiles([profile.on_axis for profile in knowledge.profiles]),
+            drawing.profiles([profile.on_axis for profile in knowledge.profiles]),
         ),
     )
     return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

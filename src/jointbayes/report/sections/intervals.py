@@ -8,7 +8,7 @@ from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
 from jointbayes.posterior.phrases import published_values
 from jointbayes.posterior.summary import Summary
-from jointbayes.report import figures
+from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
@@ -26,7 +26,7 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     widest = np.sort(np.argsort(-draws.std(axis=0))[:_MOST_IN_CORNER])
     point = None if published is None else published[widest]
     of_widest = ([labels[i] for i in widest], draws[:, widest], prior[:, widest], point, mode[widest])
-    svg = figures.corner_plot(*of_widest)
+    svg = drawing.corner_plot(*of_widest)
     marks = "mode (orange, solid)"
     few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
     if published is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.summary import FrequencySummary
-from jointbayes.report import drawing, figures
+from jointbayes.report import drawing
 from jointbayes.report.inputs import TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, ReportSection, Table
@@ -65,10 +65,10 @@ def frequency_section(inputs: TestInputs) -> ReportSection | None:
     if frame is not None:
         caption = "Shapes of the modes at the MAP, over the structure at rest; the frequency with its 95 % interval."
         alt = f"{len(names)} mode shapes drawn on the structure. {'; '.join(names)}."
-        blocks.append(Figure("mode-shapes", caption, alt, figures.wireframes(frame), frame))
+        blocks.append(Figure("mode-shapes", caption, alt, drawing.wireframes(frame), frame))
     if measured:
         errors = frequency_values(frequencies, inputs.problem.test.data)
-        svg = figures.draw_alone(drawing.draw_frequency_errors, *errors, height=3.0, top=0.3)
+        svg = drawing.draw_alone(drawing.draw_frequency_errors, *errors, height=3.0, top=0.3)
         caption = f"Predicted natural frequencies against the {kind} ones."
         caption += " These were not fitted: the FRFs were." if modes is None else ""
         worst = max(abs(100 * (b / m - 1)) for b, m in zip(frequencies.map, measured, strict=True))
@@ -218,6 +218,6 @@ def _figures(measured: ModeData, shape: Compared) -> list[Block]:
         caption += "MAP, and the 95 % interval of the posterior."
         away = np.abs((shape.best[i] - shape.measured[i]) / shape.sd[i])
         alt = f"Components of mode {n}; the largest deviation of the MAP is {number(np.nanmax(away), 2)} sd."
-        svg = figures.draw_alone(drawing.draw_mode_shape, *shape_values(measured.shapes.dofs, shape, i), top=0.3)
+        svg = drawing.draw_alone(drawing.draw_mode_shape, *shape_values(measured.shapes.dofs, shape, i), top=0.3)
         blocks.append(Figure(name, caption, alt, svg))
     return blocks

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.posterior import Posterior
-from jointbayes.report import drawing, figures
+from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, listed_names
 from jointbayes.report.model import Block, Code, Figure, Paragraph, ReportSection
@@ -54,13 +54,13 @@ def _iteration_blocks(
             "iteration-norm",
             "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
             f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
-            figures.draw_alone(drawing.draw_residual_norm, norm),
+            drawing.draw_alone(drawing.draw_residual_norm, norm),
         ),
         Figure(
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
             f"History of {named} over the iteration steps with the published values.",
-            figures.histories(
+            drawing.histories(
                 [f"{q.name} ({q.unit})" for q in iterated],
                 history.stiffness_history[:, history.iterated],
                 None if published is None else published[list(history.iterated)],
@@ -93,7 +93,7 @@ def chain_values(posterior: Posterior) -> tuple[list[str], Array, NDArray[np.int
 def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
     """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
     names, theta, ensemble = chain_values(posterior)
-    pages = [slice(i, i + figures.MOST_CURVES) for i in range(0, len(names), figures.MOST_CURVES)]
+    pages = [slice(i, i + drawing.MOST_CURVES) for i in range(0, len(names), drawing.MOST_CURVES)]
     traces, correlations = [], []
     for count, page in enumerate(pages, 1):
         suffix = "" if count == 1 else f"-{count}"
@@ -104,7 +104,7 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
                 f"Traces{these} after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles "
                 "lie on top of each other and show no trend.",
                 "Traces of the coordinates for each ensemble over the kept draws.",
-                figures.traces(names[page], theta[..., page], ensemble),
+                drawing.traces(names[page], theta[..., page], ensemble),
             )
         )
         correlations.append(
@@ -112,7 +112,7 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
                 f"autocorrelation{suffix}",
                 f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers.",
                 "Autocorrelation of each coordinate against lag in steps, falling to zero.",
-                figures.draw_alone(drawing.draw_autocorrelation, names[page], theta[..., page], thin),
+                drawing.draw_alone(drawing.draw_autocorrelation, names[page], theta[..., page], thin),
             )
         )
     return [*traces, *correlations]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from jointbayes.posterior.curves import Curve, curves_of
-from jointbayes.report import drawing, figures
+from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, kind_of
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
@@ -140,7 +140,7 @@ def _figure(place: int, curve: Curve) -> Figure:
     caption = f"{curve.name} over the {curve.of.name}: median and 95 % credible interval at each level."
     ends = [number(curve.median[0]), number(curve.median[-1])]
     alt = f"{curve.name} from {ends[0]} at the lowest level to {ends[1]} at the highest."
-    svg = figures.draw_alone(drawing.draw_level_curve, *curve_values(curve), height=3.0)
+    svg = drawing.draw_alone(drawing.draw_level_curve, *curve_values(curve), height=3.0)
     return Figure(f"curve-{place}", foreign(caption), foreign(alt), svg)
 
 
