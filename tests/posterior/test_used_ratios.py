@@ -6,13 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, UsedMode
 from jointbayes.posterior.decision import FARTHEST_RATIO, modes_problem, premises_sentences, shapes_of, with_ratios
-from jointbayes.posterior.storage import PROBLEM_GROUP, add_problem, problem_from
+from jointbayes.posterior.storage import problem_arrays, problem_from
 from vibrecords.modal_ratios import MotionRatio
 
 TRUTH = np.array([4e7, 6e4])
@@ -65,8 +64,7 @@ def test_ratios_of_measured_frfs_are_data_beside_the_frequencies(answered):
 def test_an_answer_with_ratios_is_kept_in_a_file(answered):
     found = answered
     assert any(mode.ratios for mode in found.premises.modes)
-    tree, record = add_problem(xr.DataTree(), found)
-    kept = tree[PROBLEM_GROUP]
+    kept, record = problem_arrays(found)
 
     def array(name):
         return kept[name].values if name in kept else kept[f"{name}_real"].values + 1j * kept[f"{name}_imag"].values

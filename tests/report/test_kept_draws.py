@@ -223,7 +223,7 @@ def test_a_file_that_does_not_fit_is_one_error_and_leaves_the_old_one(tmp_path):
         "import sys\nfrom pathlib import Path\nfrom jointbayes.errors import WriteError\n"
         "import xarray as xr, numpy as np\nfrom jointbayes.posterior.storage import write_tree\n"
         "tree = xr.DataTree.from_dict({'/posterior': xr.Dataset({'k11': ('draw', np.random.rand(50_000))})})\n"
-        "try:\n    write_tree(tree, '', 'draws.nc')\nexcept WriteError as error:\n    print(error)\n"
+        "try:\n    write_tree(tree, {}, '', 'draws.nc')\nexcept WriteError as error:\n    print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

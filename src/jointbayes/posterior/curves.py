@@ -128,7 +128,10 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
     tail = (1 - probability) / 2
     low, median, high = np.quantile(values, [tail, 0.5, 1 - tail], axis=0)
     level = np.array([_value(test) for test, _ in named])
-    relative = all(_is_positive(posterior, quantity) for _, quantity in named)
+    # a ratio of two tells their change where both are above 0 whatever the data say
+    signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
+    signed -= {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
+    relative = signed.isdisjoint(quantity for _, quantity in named) and bool((values > 0).all())
     usual = usual_assemblies(posterior, name, values, level)
     pair, pairs, change = _change(values if usual is None else usual, level, relative=relative, tail=tail)
     first = named[0][0].level
@@ -172,14 +175,6 @@ def _change(
     changed = values[:, j] / values[:, i] if relative else values[:, j] - values[:, i]
     middle, low, high = np.quantile(changed, [0.5, tail, 1 - tail])
     return (i, j), len(pairs), (float(middle), float(low), float(high))
-
-
-def _is_positive(posterior: AnyPosterior, name: str) -> bool:
-    """Whether a quantity is above 0 whatever the data say, so that a ratio of two tells their change."""
-    problem = posterior.problem
-    logarithmic = {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
-    signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
-    return (name in logarithmic or name not in signed) and bool((posterior.values(name) > 0).all())
 
 
 def curves_of(posterior: AnyPosterior) -> tuple[Curve, ...]:

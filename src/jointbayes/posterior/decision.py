@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import JointBayesError, ModelError
 from jointbayes.frf import AnyStructure, AssembledShapes
 from jointbayes.identification import MapEstimate, refine_where_possible
-from jointbayes.identification.numbering import Renumbered, find_numbering
+from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem, Test, UsedMode
 from jointbayes.inference.common_errors import has_edge, with_common_errors
 from jointbayes.inference.noise.model_error import LEAST_COMPONENT
@@ -308,7 +308,9 @@ def _numbered_by_evidence(problem: Problem) -> Problem:
         if modes is None or doubt is None:
             tests.append(test)
             continue
-        premises = replace(premises, numbering=(*premises.numbering, _doubt_in_words(test, doubt)))
+        where = f" of test {test.name}" if test.name else ""
+        named = f"The natural frequencies{where} {doubt.words}."
+        premises = replace(premises, numbering=(*premises.numbering, named))
         if doubt.better and modes.shown_frfs is None:
             premises = replace(premises, misnumbered=premises.misnumbered or doubt.words)
         elif doubt.better:
@@ -322,11 +324,6 @@ def _numbered_by_evidence(problem: Problem) -> Problem:
 def _moved(mode: UsedMode, test: str, shift: int) -> UsedMode:
     """The mode with a number higher by `shift` where it is of that test."""
     return replace(mode, number=mode.number + shift) if mode.test == test else mode
-
-
-def _doubt_in_words(test: Test, doubt: Renumbered) -> str:
-    where = f" of test {test.name}" if test.name else ""
-    return f"The natural frequencies{where} {doubt.words}."
 
 
 def only_modes(problem: Problem, resonances: Collection[tuple[str, str, float]]) -> Problem:

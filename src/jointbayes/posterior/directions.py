@@ -102,12 +102,6 @@ class NamedDirection:
         return f"under a force at {arm} the joint {joint.rstrip('.')}{joint and ' '}gives {ends} ({self.verdict})"
 
 
-def interval_ratio(sd: float) -> float:
-    """Upper over lower end of the 95 % interval that a standard deviation of a logarithm implies."""
-    exponent = 2 * _NORMAL_95 * sd
-    return math.exp(exponent) if exponent < 700 else math.inf
-
-
 def name_directions(
     stiffness: ArrayLike,
     prior: ArrayLike,

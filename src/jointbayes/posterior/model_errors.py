@@ -247,7 +247,12 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
     exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
     within = error_of_peak <= LARGEST_ERROR_OF_PEAK if exact_data else error_sd <= LARGEST_ERROR_SD
-    moved = _first_order(problem, reference, theta, covariance) if within else _shift_by_climb(problem, theta)
+    if within:  # to first order: where the richer elements have residual e + δ, their mode lies at θ − Σ Jᵀδ
+        (residual, jacobian), (exact, _) = (p.log_posterior.residuals(theta) for p in (problem, reference))
+        moved = covariance @ (jacobian.T @ (exact - residual))
+    else:  # an error that shows is not small: by a climb on the richer elements
+        mode, _ = refine(problem.with_reference(solved=False).log_posterior, theta)
+        moved = theta - mode
     shift_sd = _shift_in_sd(problem, theta, theta - moved, draws)
     size = elements.kind, elements.elements, elements.order
     return MeshCheck(*size, error_sd, error_of_peak, shift_sd, exact_data, within)
@@ -267,20 +272,6 @@ def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
         peak = np.abs(there).max(axis=0) if part.test.data.frfs else there
         largest = max(largest, float((np.abs(here - there) / peak).max()))
     return largest
-
-
-def _first_order(problem: Problem, reference: Problem, theta: Array, covariance: Array) -> Array:
-    """How far the mesh moves the MAP, shape (d,), to first order in its error."""
-    residual, jacobian = problem.log_posterior.residuals(theta)
-    exact, _ = reference.log_posterior.residuals(theta)
-    # where the richer elements have residual e + δ, the mode of these lies at θ − Σ Jᵀδ
-    return covariance @ (jacobian.T @ (exact - residual))
-
-
-def _shift_by_climb(problem: Problem, theta: Array) -> Array:
-    """The same, shape (d,), by a climb from the MAP on the richer elements: an error that shows is not small."""
-    mode, _ = refine(problem.with_reference(solved=False).log_posterior, theta)
-    return theta - mode
 
 
 def _shift_in_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:

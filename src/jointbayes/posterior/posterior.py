@@ -42,11 +42,12 @@ from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import (
+    PROBLEM_GROUP,
     BestDraw,
     FileRecord,
-    add_problem,
     arviz_tree,
     log_prior_of_joint,
+    problem_arrays,
     to_arviz,
     write_tree,
 )
@@ -531,21 +532,27 @@ class Posterior:
         """
         if self._kept_knowledge is not None:
             return self._kept_knowledge.freed
-        return effect_of_uncertain_inputs(self, None if self.case is None else self.case.workshop_problem)
+        return effect_of_uncertain_inputs(self, self.workshop_problem)
+
+    @property
+    def workshop_problem(self) -> Problem | None:
+        """The same problem with more quantities uncertain, as its case has it; None without a case, or any more."""
+        return None if self.case is None else self.case.workshop_problem
 
     @property
     def _exact_inputs(self) -> Mapping[str, ExactInputs]:
         """What verdicts take as exact, by stiffness; of all the same where nobody looked at what is known without."""
         if self._kept_knowledge is not None or "rows" in self.__dict__:
             return inputs_taken_as_exact(self.rows)
-        taken = () if self.case is None else taken_as_exact(self.problem, self.case.workshop_problem)
+        taken = taken_as_exact(self.problem, self.workshop_problem)
         unseen = ExactInputs(taken, None, looked_at=False)
         return dict.fromkeys(self.stiffness_names, unseen) if taken else {}
 
     def __repr__(self) -> str:
-        names = [*self.judged_names, *(nuisance.name for nuisance in self.problem.prior.nuisances)]
-        shown = [self._line(name) for name in names[:_MOST_SHOWN]]
-        more = f"and {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
+        lines = [line_of(name, self.verdict(name)) for name in self.judged_names[:_MOST_SHOWN]]
+        lines += [f"{name}: {value}" for name, value in value_rows(self._nuisances)]
+        shown, left = lines[:_MOST_SHOWN], len(self.judged_names) + len(self._nuisances) - _MOST_SHOWN
+        more = f"and {left} more" if left > 0 else ""
         body = [line for text in (*shown, more, *self._remarks) if text for line in in_lines(text, 2)]
         return "\n".join([*in_lines(self._title, 0), *body])
 
@@ -573,12 +580,6 @@ class Posterior:
     def _nuisances(self) -> dict[str, tuple[Array, str]]:
         names = [nuisance.name for nuisance in self.problem.prior.nuisances]
         return {name: (self.by_ensemble(name), self.unit(name)) for name in names}
-
-    def _line(self, name: str) -> str:
-        if name in self.stiffness_names:
-            return line_of(name, self.verdict(name))
-        ((_, value),) = value_rows({name: (self.by_ensemble(name), self.unit(name))})
-        return f"{name}: {value}"
 
     @property
     def _remarks(self) -> tuple[str, ...]:
@@ -744,7 +745,8 @@ class Posterior:
         WriteError
             If the file cannot be written; an older one is then still there.
         """
-        tree, description = add_problem(self.tree, self.problem)
+        problem, description = problem_arrays(self.problem)
+        groups = {PROBLEM_GROUP: problem}
         record = FileRecord(
             self.record,
             BestDraw(self.mode_theta, self.mode_log_density),
@@ -754,10 +756,9 @@ class Posterior:
             self.case is not None and self.case.stated is self.problem,
         )
         if self.problem.prior.marginals:
-            before = log_prior_of_joint(self.problem.prior, self.theta.reshape(*self.log_density.shape, -1))
-            groups = {name: node.to_dataset() for name, node in tree.children.items()}
-            tree = xr.DataTree.from_dict({**groups, "log_prior": before})
-        write_tree(tree, record.as_text(), path)
+            theta = self.theta.reshape(*self.log_density.shape, -1)
+            groups["log_prior"] = log_prior_of_joint(self.problem.prior, theta)
+        write_tree(self.tree, groups, record.as_text(), path)
 
 
 def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str, Cell]:
@@ -790,9 +791,9 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
 
     What a workshop does not know exactly, for the table of what freeing it does, is that of its case, if it has one.
     """
-    kept, case, rows = posterior._kept_knowledge, posterior.case, posterior.rows
+    kept, rows = posterior._kept_knowledge, posterior.rows
     steps, simpler, directions = (kept.next_steps, kept.simpler, kept.directions) if kept else (None, None, None)
-    freed = case.workshop_problem if steps is None and case is not None else None
+    freed = posterior.workshop_problem if steps is None else None
     judged = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
@@ -800,7 +801,10 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         steps = () if step is None else (step,)
     if directions is None:
         draws, parametrisation = (posterior.stiffness, posterior.prior_stiffness), posterior.problem.parametrisation
-        directions = name_directions(*draws, judged, _wider_prior_draws(posterior), parametrisation)
+        # where no draws were found that may be trusted the prior stands for the posterior: nothing is then known
+        wide = posterior.widened
+        wider = None if wide is None else (wide.prior.values(wide.theta), wide.prior.values(wide.prior_theta))
+        directions = name_directions(*draws, judged, wider, parametrisation)
     return Knowledge(
         check=posterior.check,
         directions=directions,
@@ -822,22 +826,10 @@ def _what_decides(posterior: Posterior) -> WhatDecides | None:
     inputs = max((row.uncertain for row in rows), key=len, default=())
     if exact is None or len(inputs) < 2 or not all(check.explains for check in posterior.checks):
         return None
-    freed = None if posterior.case is None else posterior.case.workshop_problem
-    problem = next(
-        p for p in (posterior.problem, freed) if p is not None and set(inputs) <= set(uncertain_quantities(p))
-    )
-    together = next(row.known for row in rows if row.uncertain == inputs)
-    run = posterior.problem
+    run, together = posterior.problem, next(row.known for row in rows if row.uncertain == inputs)
+    problem = run if set(inputs) <= set(uncertain_quantities(run)) else posterior.workshop_problem
+    assert problem is not None  # a row has no inputs but those of the two
     return what_decides(problem, inputs, run.names, posterior.mode_theta, exact.known, together)
-
-
-def _wider_prior_draws(posterior: Posterior) -> tuple[Array, Array] | None:
-    """Posterior and prior draws of the stiffnesses under wider priors; None where these change nothing.
-
-    Where no draws were found that may be trusted the prior stands for the posterior: nothing is then known.
-    """
-    wide = posterior.widened
-    return None if wide is None else (wide.prior.values(wide.theta), wide.prior.values(wide.prior_theta))
 
 
 def _profiles(posterior: Posterior) -> tuple[ProfileLikelihood, ...]:

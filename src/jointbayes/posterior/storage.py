@@ -275,8 +275,8 @@ def log_prior_of_joint(prior: JointPrior, theta: Array) -> xr.Dataset:
     return xr.Dataset({"joint": (("chain", "draw"), density)}, attrs=attrs)
 
 
-def write_tree(tree: xr.DataTree, record: str, path: str | os.PathLike[str]) -> None:
-    """Write groups and record, whole or not at all; the record, JSON text, goes into one attribute.
+def write_tree(tree: xr.DataTree, more: Mapping[str, xr.Dataset], record: str, path: str | os.PathLike[str]) -> None:
+    """Write groups, more of them and the record, whole or not at all; the record, JSON text, goes into one attribute.
 
     NetCDF knows neither booleans nor dictionaries as attributes. The file is made in memory: where a disk is full,
     the HDF5 library ends the whole process.
@@ -286,7 +286,8 @@ def write_tree(tree: xr.DataTree, record: str, path: str | os.PathLike[str]) -> 
     WriteError
         If the file cannot be written.
     """
-    stored = tree.copy()
+    groups = {name: node.to_dataset() for name, node in tree.children.items()}
+    stored = xr.DataTree.from_dict({**groups, **more})
     stored.attrs = {RECORD: record}
     view = stored.to_netcdf(None, engine="h5netcdf")
     assert isinstance(view, memoryview)
@@ -324,15 +325,14 @@ class StoredProblem(TypedDict):
     sha256: str
 
 
-def add_problem(tree: xr.DataTree, problem: Problem) -> tuple[xr.DataTree, StoredProblem]:
-    """The groups of a posterior with one more for the arrays of its problem, and the problem's description.
+def problem_arrays(problem: Problem) -> tuple[xr.Dataset, StoredProblem]:
+    """The arrays of a problem, for a group of their own, and its description.
 
     What is no part of this package, a distribution or a function of one's own, is only named in the description: it
     cannot be stored, and whoever loads the posterior passes the problem again.
     """
     description = _Description.describe(problem)
-    groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    return xr.DataTree.from_dict({**groups, PROBLEM_GROUP: array_dataset(description.arrays)}), description.as_json()
+    return array_dataset(description.arrays), description.as_json()
 
 
 def described(problem: Problem) -> dict[str, Any]:
@@ -349,12 +349,12 @@ def described(problem: Problem) -> dict[str, Any]:
 
 
 def problem_from(array: Callable[[str], NDArray[Any]], record: StoredProblem, where: str) -> Problem:
-    """The problem from what `add_problem` made of it.
+    """The problem from what `problem_arrays` made of it.
 
     Parameters
     ----------
     array
-        Gives an array of the group that `add_problem` added.
+        Gives one of its arrays.
     record
         The description.
     where

@@ -369,25 +369,20 @@ def summaries_of_tests(
     posterior: AnyPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, TestSummary]:
     """What is said of each test by its name; of a lone test by an empty one, with frequencies measured beside it."""
-    tests = posterior.problem.tests
-    measured_hz = [measured_frequencies_hz] if len(tests) == 1 else [test.data.lowest_hz for test in tests]
-    return {test.name: _one_test(posterior, n, initial, measured_hz[n]) for n, test in enumerate(tests)}
-
-
-def _one_test(
-    posterior: AnyPosterior, number: int, initial: Sequence[float], measured_hz: Sequence[float] | None
-) -> TestSummary:
-    part = posterior.problem.parts[number]
-    measured = part.test.data
-    return TestSummary(
-        part.test.level,
-        fit_of(part, posterior.estimate.theta),
-        posterior.checks[number],
-        posterior.diagnoses[number],
-        frequency_summary(posterior, part, initial, measured_hz, len(posterior.diagnoses[number].modes)),
-        data_sha256(part),
-        measured.provenance.as_json() if measured.provenance else None,
-    )
+    summaries, parts = {}, posterior.problem.parts
+    for part, check, diagnosis in zip(parts, posterior.checks, posterior.diagnoses, strict=True):
+        test, provenance = part.test, part.test.data.provenance
+        measured_hz = measured_frequencies_hz if len(parts) == 1 else test.data.lowest_hz
+        summaries[test.name] = TestSummary(
+            test.level,
+            fit_of(part, posterior.estimate.theta),
+            check,
+            diagnosis,
+            frequency_summary(posterior, part, initial, measured_hz, len(diagnosis.modes)),
+            data_sha256(part),
+            provenance.as_json() if provenance else None,
+        )
+    return summaries
 
 
 def frequency_summary(

@@ -124,7 +124,10 @@ def concluded(drawn: Identifiability, finding: Finding, *, explained: bool) -> I
 
 def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Finding:
     """What the draws say, after a look at all that may stand against it."""
-    if reasons := (*reasons_for_no_verdict(posterior), *_moved_by_mesh(posterior, name)):
+    reasons, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
+    if mesh is not None and mesh.moves(name):
+        reasons.append(f"the mesh moves it by {abs(mesh.shift_sd[name]):.2g} posterior standard deviations")
+    if reasons:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
         return Finding("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
@@ -133,14 +136,6 @@ def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Er
     if name in posterior.stiffness_names and posterior.widened is not None:
         return found_with_wider_priors(posterior, posterior.widened, name, drawn, posterior.values(name), error)
     return Finding(drawn.verdict, drawn.verdict_reason)
-
-
-def _moved_by_mesh(posterior: AnyPosterior, name: str) -> tuple[str, ...]:
-    """That the elements of the model move a stiffness too far for a verdict, if they do."""
-    mesh = posterior.mesh
-    if mesh is None or not mesh.moves(name):
-        return ()
-    return (f"the mesh moves it by {abs(mesh.shift_sd[name]):.2g} posterior standard deviations",)
 
 
 def line_of(name: str, assessment: Identifiability) -> str:
@@ -213,7 +208,7 @@ def found_with_wider_priors(
         verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), drawn.contraction)
         moved = f"its median goes from {rounded(drawn.median)} to {rounded(wider.median)} with {_WIDER}"
         return Finding(verdict, f"rests on the prior: {moved}")
-    if _same_verdict(drawn, wider, _log_ratio_error(drawn, wider, beyond, wide.effective)):
+    if _same_verdict(drawn, wider, beyond, wide.effective):
         return Finding(drawn.verdict, drawn.verdict_reason)
     which = "default priors" if posterior.has_default_prior(name) else "priors as stated"
     worst = min(drawn.verdict, wider.verdict, key=lambda either: CERTAINTY.get(either, 0))
@@ -280,15 +275,13 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
-def _log_ratio_error(assessment: Identifiability, wider: Identifiability, values: Array, effective: float) -> float:
-    """Monte Carlo standard error of the difference of two ln (upper/lower end)."""
-    errors = [error / abs(end) for end, error in zip(assessment.interval95, assessment.interval95_error, strict=True)]
+def _same_verdict(drawn: Identifiability, wider: Identifiability, values: Array, effective: float) -> bool:
+    """Whether wider priors leave the verdict, within twice the Monte Carlo error of the ratio it hangs on.
+
+    That is the error of the difference of two ln (upper/lower end), of draws and of `values` under wider priors.
+    """
+    errors = [error / abs(end) for end, error in zip(drawn.interval95, drawn.interval95_error, strict=True)]
     for end, probability in zip(wider.interval95, INTERVAL, strict=True):
         errors.append(quantile_spread(values, probability, effective) / abs(end))
-    return math.hypot(*errors)
-
-
-def _same_verdict(assessment: Identifiability, wider: Identifiability, error: float) -> bool:
-    """Whether wider priors leave the verdict, within twice the Monte Carlo error of the ratio it hangs on."""
-    near = (wider.ratio * math.exp(step * error) for step in (-2.0, 0.0, 2.0))
-    return assessment.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}
+    near = (wider.ratio * math.exp(step * math.hypot(*errors)) for step in (-2.0, 0.0, 2.0))
+    return drawn.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}

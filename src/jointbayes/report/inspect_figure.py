@@ -63,7 +63,10 @@ def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredM
         colour = SERIES_COLOURS[i % len(SERIES_COLOURS)]
         f = np.where(np.abs(record.frequency_hz) <= HIGHEST_HZ, record.frequency_hz, np.nan)
         good = measurable(record.values) & (record.values != 0)
-        curves = [np.where(good, np.abs(record.values), np.nan), np.where(good, _degrees(record), np.nan)]
+        curves = [
+            np.where(good, np.abs(record.values), np.nan),
+            np.where(good, np.angle(record.values, deg=True), np.nan),
+        ]
         if record.coherence is not None and len(panels) > 2:
             curves.append(np.where(np.abs(record.coherence) < _IN_SIGHT, record.coherence, np.nan))
         for j, (panel, curve) in enumerate(zip(panels, curves, strict=False)):
@@ -106,7 +109,3 @@ def _plain(label: str) -> str:
     """A label that Matplotlib draws, also where it begins with what hides it."""
     text = printable(label)
     return f" {text}" if text.startswith("_") else text
-
-
-def _degrees(record: FrfRecord) -> Array:
-    return np.degrees(np.angle(record.values))

@@ -177,26 +177,23 @@ def compared_modes(
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS)])
     matrices, factors = prior.matrix(theta), problem.structural(prior.factors(theta))
     modal, places = prediction.matched(matrices, factors)
-    omega_squared = (2 * np.pi * modal.frequency_hz) ** 2
-    predicted = {"Frequency (Hz)": modal.frequency_hz}
-    given: dict[str, Observed | None] = {"Frequency (Hz)": measured.frequency}
+    both: dict[str, tuple[Observed, Array]] = {"Frequency (Hz)": (measured.frequency, modal.frequency_hz)}
     if measured.eigenvalues:
-        predicted, given = {"Eigenvalue (rad²/s²)": omega_squared}, {"Eigenvalue (rad²/s²)": measured.frequency}
-    predicted |= {"Damping ratio": modal.damping_ratio}
-    given |= {"Damping ratio": measured.damping}
+        both = {"Eigenvalue (rad²/s²)": (measured.frequency, (2 * np.pi * modal.frequency_hz) ** 2)}
+    if measured.damping is not None:
+        both["Damping ratio"] = measured.damping, modal.damping_ratio
     if measured.zeros is not None:
-        predicted["zero"], given["zero"] = modal.zeros_hz, measured.zeros.frequency
+        both["zero"] = measured.zeros.frequency, modal.zeros_hz
     if measured.constants is not None:
-        predicted["constant"], given["constant"] = prediction.constants(modal), measured.constants.constants
+        both["constant"] = measured.constants.constants, prediction.constants(modal)
     likeness = np.empty(0)
     if measured.shapes is not None:
-        predicted["shape"], given["shape"] = prediction.components(modal), measured.shapes.components
+        both["shape"] = measured.shapes.components, prediction.components(modal)
         likeness = np.diagonal(mac(prediction.measured_shapes, modal.shapes[0]))
-    parts = {}
-    for name, observed in given.items():
-        if observed is not None:
-            low, high = np.quantile(predicted[name][1:], [0.025, 0.975], axis=0)
-            parts[name] = Compared(*observed.mean(), predicted[name][0], low, high)
+    parts = {
+        name: Compared(*observed.mean(), predicted[0], *np.quantile(predicted[1:], [0.025, 0.975], axis=0))
+        for name, (observed, predicted) in both.items()
+    }
     return parts, likeness, places[0]
 
 
