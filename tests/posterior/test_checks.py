@@ -9,9 +9,10 @@ from scipy import signal, special, stats
 from jointbayes.errors import ModelError
 from jointbayes.inference import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise, StudentNoise
 from jointbayes.posterior.checks import (
-    CELLS,
+    COLUMNS,
     FALSE_ALARM,
     FAR_BELOW,
+    ROWS,
     PredictiveCheck,
     Whiteness,
     check_frequencies,
@@ -284,17 +285,18 @@ def test_each_cell_of_the_table_and_each_of_its_borders(
     assert ("intervals are too wide" in said) == (finding == "noise overstated")
     assert ("does NOT explain" in said) == finding.startswith("misfit")
     assert said.startswith("The stated noise is overstated: ") == (finding == "noise overstated")
-    assert bool(check.cell.remedy) == (finding != "explained")
-    assert (check.cell.remedy in check.details) == check.explains
+    assert bool(check.remedy) == (finding != "explained")
+    assert (check.remedy in check.details) == check.explains
     if finding == "misfit" or finding == "explained":
         assert (check.misfit_p_value < FALSE_ALARM) == (finding == "misfit")
 
 
 def test_the_remedy_is_one_that_is_not_taken_already() -> None:
-    for (level, _, absorbs), cell in CELLS.items():
-        assert not (absorbs == "size" and 'scale = "sampled"' in cell.remedy)
-        assert not (absorbs == "outliers" and "Student-t noise," in cell.remedy)
-        assert ("smaller" in cell.remedy or "as small" in cell.remedy) <= (level in ("far below", "below"))
+    cells = ((level, *cell) for (level, _), (_, remedies) in ROWS.items() for cell in zip(COLUMNS, remedies))  # noqa: B905
+    for level, absorbs, remedy in cells:
+        assert not (absorbs == "size" and 'scale = "sampled"' in remedy)
+        assert not (absorbs == "outliers" and "Student-t noise," in remedy)
+        assert ("smaller" in remedy or "as small" in remedy) <= (level in ("far below", "below"))
     assert "Student-t" not in finding_of(largest_p_value=0.0, absorbs="outliers").details
 
 

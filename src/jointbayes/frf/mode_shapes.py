@@ -187,6 +187,5 @@ class AssembledShapes(LowestModes):
 
 def held_at(joint: AnyJoint, label: str) -> Joints:
     """The joint, and one DOF more that it holds, after its own."""
-    joints = joint.joints if isinstance(joint, Joints) else (joint,)
-    named = [replace(each, name=f"{place}") for place, each in enumerate(joints)]
+    named = [replace(each, name=f"{place}") for place, each in enumerate(joint.joints)]
     return Joints((*named, Joint((label,), name="held")))

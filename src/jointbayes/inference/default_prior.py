@@ -17,7 +17,6 @@ from jointbayes.joint import (
     AnyJoint,
     Coordinate,
     Joint,
-    Joints,
     Parametrisation,
     Quantity,
     blocks_of,
@@ -109,7 +108,7 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
     marginals: list[Marginal] = []
     for structure, joints, data in tests:
         body = substructures(structure).modelled
-        for joint in joints.joints if isinstance(joints, Joints) else (joints,):
+        for joint in joints.joints:
             if joint.name in kinds:
                 continue
             kind = _default_kind(joint)

@@ -13,7 +13,7 @@ from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
 from jointbayes.inference.noise.base import ErrorSizes, GaussianSpread, NoiseModel
 from jointbayes.inference.noise.model_error import ModelErrorNoise
-from jointbayes.joint import AnyJoint, Block, Blocks, Joints, Parametrisation, joints_of
+from jointbayes.joint import AnyJoint, Block, Blocks, Parametrisation, joints_of
 from jointbayes.joint.quantities import prefixed
 from jointbayes.structure import Body
 from vibrecords import Data, FrfSet
@@ -282,7 +282,7 @@ def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Paramet
     row = 0
     for test in tests:
         joints = test.joints
-        for joint in joints.joints if isinstance(joints, Joints) else (joints,):
+        for joint in joints.joints:
             own_joint = prefixed(test.name, joint.name) if joint.name else test.name
             block = (
                 by_joint.get(own_joint)
@@ -305,4 +305,4 @@ def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Paramet
 
 def _is_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
     """Whether one set of quantities without a name meets one joint, whatever its name."""
-    return len(blocks) == 1 and not blocks[0].name and not (isinstance(joints, Joints) and len(joints.joints) > 1)
+    return len(blocks) == 1 and not blocks[0].name and len(joints.joints) < 2

@@ -125,6 +125,11 @@ class Joint:
         return f"joint {self.name}" if self.name else "joint"
 
     @property
+    def joints(self) -> "tuple[Joint, ...]":
+        """Itself, as `Joints` have several."""
+        return (self,)
+
+    @property
     def size(self) -> int:
         """Number r of its DOFs, rows of its K^J."""
         return len(self.dofs)
@@ -268,7 +273,7 @@ class Joints:
         return np.hstack([np.empty((structure.n_dofs, 0)), *(joint.selection(structure) for joint in self.joints)])
 
 
-#: One joint, or several side by side: whoever asks for DOFs, size or selection need not know which.
+#: One joint, or several side by side: whoever asks for joints, DOFs, size or selection need not know which.
 AnyJoint = Joint | Joints
 
 

@@ -119,22 +119,6 @@ ResidualLevel = Literal["far below", "below", "as expected", "above"]
 ResidualPattern = Literal["white", "correlated"]
 
 
-@dataclass(frozen=True, slots=True)
-class FitCell:
-    """One cell of the table.
-
-    Parameters
-    ----------
-    finding
-        As ``summary.json`` has it.
-    remedy
-        What helps; empty where nothing needs help.
-    """
-
-    finding: Finding
-    remedy: str
-
-
 #: Opening of each finding, and what it means for the intervals; nothing where the model explains the data.
 _WORDS: dict[Finding, tuple[str, str]] = {
     "explained": ("The model explains the data", ""),
@@ -161,9 +145,11 @@ _SD_LARGER = (
 )
 _SD_SMALLER = "State their standard deviations as small as they are."
 
-_COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "frequencies")
+#: What the noise model absorbs: a column of the table each. Natural frequencies are too few for a pattern.
+COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "frequencies")
+#: Of each level and pattern the finding, as ``summary.json`` has it, and what helps; nothing where nothing needs help.
 # fmt: off
-_ROWS: dict[tuple[ResidualLevel, ResidualPattern], tuple[Finding, tuple[str, ...]]] = {
+ROWS: dict[tuple[ResidualLevel, ResidualPattern], tuple[Finding, tuple[str, ...]]] = {
     # level and pattern              finding                    nothing   outliers  size    frequencies
     ("far below", "white"):        ("noise overstated",       (_SMALLER, _SMALLER, _BOUND, _SD_SMALLER)),
     ("far below", "correlated"):   ("noise overstated",       (_SMALLER, _SMALLER, _BOUND)),
@@ -175,12 +161,6 @@ _ROWS: dict[tuple[ResidualLevel, ResidualPattern], tuple[Finding, tuple[str, ...
     ("above", "correlated"):       ("misfit",                 (_MODEL,   _MODEL,   _MODEL)),
 }
 # fmt: on
-#: The cell of each level, pattern and what the noise model absorbs; natural frequencies are too few for a pattern.
-CELLS: dict[tuple[ResidualLevel, ResidualPattern, Absorbed], FitCell] = {
-    (*row, column): FitCell(finding, remedy)
-    for row, (finding, remedies) in _ROWS.items()
-    for column, remedy in zip(_COLUMNS, remedies, strict=False)
-}
 
 
 #: Probability that any of the tests of a run, on level and pattern of all its tests, fails with a right model and the
@@ -278,14 +258,14 @@ class PredictiveCheck:
         return "white" if white else "correlated"
 
     @property
-    def cell(self) -> FitCell:
-        """What is said of it, from the table."""
-        return CELLS[self.level, self.pattern, self.absorbs]
-
-    @property
     def finding(self) -> Finding:
         """The finding, one of four."""
-        return self.cell.finding
+        return ROWS[self.level, self.pattern][0]
+
+    @property
+    def remedy(self) -> str:
+        """What helps; empty where nothing needs help."""
+        return ROWS[self.level, self.pattern][1][COLUMNS.index(self.absorbs)]
 
     @property
     def smallest_p_value(self) -> float:
@@ -329,7 +309,7 @@ class PredictiveCheck:
     @property
     def advice(self) -> str:
         """What had to be inferred, what helps (of a misfit the diagnosis says that), and a value that stands out."""
-        remedy = self.cell.remedy if self.explains else ""
+        remedy = self.remedy if self.explains else ""
         return " ".join(word for word in (*self.inferred, remedy, self._outlier) if word)
 
     @property

@@ -67,7 +67,7 @@ def is_worth_hitting_free(part: Problem) -> bool:
     Where the edge of the clamp is uncertain as a length in mm the bar goes on behind it, and is another one free.
     """
     test = part.test
-    joints = test.joints.joints if isinstance(test.joints, Joints) else (test.joints,)
+    joints = test.joints.joints
     to_ground = joints and not any(joint.against for joint in joints) and not test.measured_bodies
     supports = getattr(getattr(test.structures, "recipe", None), "supports", ())
     uncertain = {name.rpartition(".")[2] for name in test.structures.names}

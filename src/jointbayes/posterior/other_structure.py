@@ -179,9 +179,7 @@ def _other_problem(
     test, known = part.test, {nuisance.name: i for i, nuisance in enumerate(part.prior.nuisances)}
     first = theta.shape[1] - len(known)
     base = getattr(test.structures, "recipe", None)
-    is_like = type(base) is type(recipe) and all(
-        getattr(base, name, None) == getattr(recipe, name, None) for name in ("material",)
-    )
+    is_like = type(base) is type(recipe) and getattr(base, "material", None) == getattr(recipe, "material", None)
     stated = {nuisance.name: nuisance for nuisance in uncertain}
     for name in test.structures.names:
         if name not in stated and _has(recipe, name):

@@ -325,7 +325,7 @@ class Posterior:
         theta = self.mode_theta if self.mode_log_density > self.estimate.log_posterior else self.estimate.theta
         each = ((part, np.random.default_rng([self.record.seed, 4])) for part in self.problem.parts)
         return tuple(
-            replace(diagnose(part.test.data, part, theta, rng), remedy=check.cell.remedy)
+            replace(diagnose(part.test.data, part, theta, rng), remedy=check.remedy)
             for (part, rng), check in zip(each, self.checks, strict=True)
         )
 

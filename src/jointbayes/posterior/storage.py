@@ -342,9 +342,8 @@ def described(problem: Problem) -> dict[str, Any]:
         parts |= {prefixed(test.name, field.name): getattr(test, field.name) for field in fields(test)}
     plain: dict[str, Any] = {}
     for name, part in parts.items():
-        description = _Description()
-        taken = description._taken(part, name)
-        plain[name] = [taken, *(sha256_of([array]) for array in description.arrays.values())]
+        description = _Description.describe(part, name)
+        plain[name] = [description.plain, *(sha256_of([array]) for array in description.arrays.values())]
     return plain
 
 
@@ -413,9 +412,9 @@ class _Description:
     plain: Any = None
 
     @classmethod
-    def describe(cls, problem: Problem) -> "_Description":
+    def describe(cls, part: Any, place: str = "problem") -> "_Description":  # noqa: ANN401 (any part of a problem)
         description = cls()
-        description.plain = description._taken(problem, "problem")
+        description.plain = description._taken(part, place)
         return description
 
     def as_json(self) -> StoredProblem:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
-from jointbayes.joint import Joint, Joints
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.phrases import not_converged
@@ -88,7 +87,7 @@ def export(
     dofs = tuple(dict.fromkeys((*part.test.data.dofs, *part.test.joints.labels)))
     universal = form.startswith("uff")
     labels = _numbered_labels(dofs, numbers) if universal else dict(zip(dofs, dofs, strict=True))
-    frfs, ends = ((), ()) if part.test.data.shown_frfs is None else _frfs(posterior, test, labels)
+    frfs, ends, band = ((), (), {}) if part.test.data.shown_frfs is None else _frfs(posterior, test, labels)
     modes = _modes(posterior, test, theta, labels)
     if not frfs and (form == "csv" or not modes):
         raise ModelError(
@@ -100,12 +99,12 @@ def export(
         if form == "csv":
             write_table((*frfs, *ends), temporary, ",", ascii_lines(said))
         elif form == "mat":
-            write_matlab(arrays_of(frfs) | _band(frfs, ends) | _blocks(posterior, part, stiffness, modes), temporary)
+            write_matlab(arrays_of(frfs) | band | _blocks(posterior, part, stiffness, modes), temporary)
         else:
             write_uff((*frfs, *ends, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
-    band = f"{len(frfs)} FRFs: the median; with each both ends of its 95 % band, which are no FRFs"
+    medians = f"{len(frfs)} FRFs: the median; with each both ends of its 95 % band, which are no FRFs"
     shapes = f"{len(modes)} modes: medians of the draws, shapes of the {of}"
-    return (*([band] if frfs else []), *([shapes] if modes else []))
+    return (*([medians] if frfs else []), *([shapes] if modes else []))
 
 
 def central_joint(posterior: Posterior) -> tuple[Array, str]:
@@ -119,8 +118,8 @@ def central_joint(posterior: Posterior) -> tuple[Array, str]:
 
 def _frfs(
     posterior: Posterior, test: str | None, labels: Mapping[str, str]
-) -> tuple[tuple[FrfRecord, ...], tuple[SpectrumRecord, ...]]:
-    """The median of each FRF, and both ends of the band of its magnitude."""
+) -> tuple[tuple[FrfRecord, ...], tuple[SpectrumRecord, ...], dict[str, dict[str, Any]]]:
+    """The median of each FRF, both ends of the band of its magnitude, and these as arrays: lines, outputs, inputs."""
     band = posterior.predict_frf(test=test)
     turn: NDArray[np.complex128] = np.exp(1j * np.deg2rad(band.phase_deg))
     line, unit = band.frequency_hz, si_frf_unit(band.quantity)
@@ -132,16 +131,7 @@ def _frfs(
         ends += [
             SpectrumRecord(pair[0], f"{end} / {pair[1]}", line, size[:, i, j], unit) for end, size in sizes.items()
         ]
-    return tuple(frfs), tuple(ends)
-
-
-def _band(frfs: tuple[FrfRecord, ...], ends: tuple[SpectrumRecord, ...]) -> dict[str, dict[str, Any]]:
-    """Both ends of the band as arrays, as the FRFs stand in theirs: lines, outputs, inputs."""
-    if not frfs:
-        return {}
-    shape = len({frf.response for frf in frfs}), len({frf.reference for frf in frfs}), -1
-    low, high = (np.moveaxis(np.array([end.values for end in ends[k::2]]).reshape(shape), -1, 0) for k in (0, 1))
-    return {"band95": {"low": low, "high": high}}
+    return tuple(frfs), tuple(ends), {"band95": {"low": band.magnitude_low, "high": band.magnitude_high}}
 
 
 def _modes(posterior: Posterior, test: str | None, theta: Array, labels: Mapping[str, str]) -> tuple[ModeRecord, ...]:
@@ -194,7 +184,7 @@ def _elements(
 ) -> tuple[list[JointElement], list[str]]:
     """The joints in the units of the cards, and what is said of each."""
     row, elements, said = 0, [], []
-    for joint in _joints(part):
+    for joint in part.test.joints.joints:
         rows = slice(row, row + joint.size)
         rigid = [i - row for i in part.parametrisation.held if row <= i < rows.stop]
         elements.append(joint_element(joint, stiffness[rows, rows], rigid, units, nodes))
@@ -229,7 +219,7 @@ def _blocks(
     known = [posterior.verdict(name) for name in names]
     joint = {
         "stiffness": stiffness,
-        "dofs": [dof for joint in _joints(part) for dof in joint.dofs],
+        "dofs": [dof for joint in part.test.joints.joints for dof in joint.dofs],
         "names": names,
         "units": [posterior.unit(name) for name in names],
         "median": np.array([each.median for each in known]),
@@ -247,8 +237,3 @@ def _blocks(
         "dofs": list(modes[0].shape),
     }
     return {"modes": of_modes, "joint": joint}
-
-
-def _joints(part: Problem) -> tuple[Joint, ...]:
-    joints = part.test.joints
-    return joints.joints if isinstance(joints, Joints) else (joints,)

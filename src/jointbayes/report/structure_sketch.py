@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.inference import Problem, Test
-from jointbayes.joint import Joint, Joints
+from jointbayes.joint import Joint
 from jointbayes.report.canvas import svg
 from jointbayes.report.line_plot import OBLIQUE, SERIES_COLOURS
 from jointbayes.structure import FrameBody, Member, Section
@@ -189,8 +189,7 @@ class _Places:
 
     def joints(self) -> Iterator[Mark]:
         """Each joint, at its own point, or between the masses that it connects."""
-        joints = self._test.joints
-        every = joints.joints if isinstance(joints, Joints) else (joints,)
+        every = self._test.joints.joints
         for joint in every:
             ends = [place for place in self._ends(joint) if place is not None]
             if not ends:

@@ -92,11 +92,10 @@ def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
     text = " ".join(_sentence(part, structure if differ else "") for part, structure in told)
     if len(parts) > _MOST_TESTS:
         text += f" In all {len(parts)} tests, see below."
-    every = getattr(parts[0].test.joints, "joints", ())
-    names = ", ".join(joint.name for joint in every)
-    joint = f"{len(every)} joints: {foreign(names)}."
-    if len(every) < 2:
-        joint = f"Joint: {foreign(str(parts[0].test.joints))}."
+    joints = parts[0].test.joints
+    names = ", ".join(joint.name for joint in joints.joints)
+    several = len(joints.joints) > 1
+    joint = f"{len(joints.joints)} joints: {foreign(names)}." if several else f"Joint: {foreign(str(joints))}."
     tested = Paragraph(f"**Tested.** {text if differ else f'{structures[0]}: {text}'} {joint}")
     drawings = {sketch(part): part for part in reversed(parts[:_MOST_TESTS])}  # each picture once
     drawn = tuple(drawings.values())[::-1]

@@ -72,13 +72,11 @@ def section_of_test(place: int, inputs: TestInputs, sections: Sequence[ReportSec
     blocks: list[Block] = []
     for section in sections:
         blocks.append(Paragraph(f"**{section.title}.**"))
-        blocks += (_name_test(place, block) for block in section.blocks)
+        blocks += (
+            replace(b, identifier=f"test-{place}-{b.identifier}") if isinstance(b, Figure) else b
+            for b in section.blocks
+        )
     return ReportSection(f"test-{place}", f"Test {foreign(inputs.problem.test.name)}", tuple(blocks))
-
-
-def _name_test(place: int, block: Block) -> Block:
-    """A block whose figure has a name of its own."""
-    return replace(block, identifier=f"test-{place}-{block.identifier}") if isinstance(block, Figure) else block
 
 
 def curve_section(inputs: ReportInputs) -> ReportSection | None:
