@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from functools import cache, partial
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from vibrecords.errors import UserError, printable
 from vibrecords.errors import WriteError as WriteError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 
 JointBayesError = UserError
@@ -51,6 +52,13 @@ class ReportInterruptedError(KeyboardInterrupt):
 
 class TerminatedError(KeyboardInterrupt):
     """The program was asked to end by SIGTERM or SIGHUP."""
+
+
+def similar(word: str, choices: Iterable[str]) -> str | None:
+    """Return the choice a misspelt word was probably meant to be, or None."""
+    by_lower = {choice.lower(): choice for choice in choices}
+    close = difflib.get_close_matches(word.lower(), by_lower, 1, 0.6)
+    return by_lower[close[0]] if close else None
 
 
 def shown(given: object) -> str:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import Spec, listed
-from jointbayes.case.spec.structure_table import CircleSpec
+from jointbayes.case.spec.structure_tables import CircleSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError

@@ -219,7 +219,7 @@ def test_the_bound_on_an_elements_error_is_kept_and_is_no_waste():
         ({"shear_coefficient": 0.0}, 1.0, "about 0.9"),
         ({"elements": 0}, 1.0, "found 0 elements"),
         ({"dofs_per_node": 3}, 1.0, "2 or 5"),
-        ({"supports": ("12:y",)}, 1.0, "'12:y'"),
+        ({"supports": ("12:y",)}, 1.0, '"12:y"'),
         ({"accelerometer_mass": -1.0}, 1.0, "accelerometers of -1"),
     ],
 )

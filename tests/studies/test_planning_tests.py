@@ -249,7 +249,7 @@ def replace_data(case, theta):
             ("[plan.tests.a.structure]\nlenght_mm = 3.0", "plan.tests.a.structure.lenght_mm: unknown key"),
             ("[plan.tests.a.structure]\nlength_mm = -3.0", "plan.tests.a.structure.length_mm: found -3.0;"),
             ("[plan.tests.a.joint]\nown = true", "plan.tests.a.joint.own: found a joint of its own, of which"),
-            ('[plan.tests.a.data]\noutputs = ["9:y"]', 'plan.tests.a.data.outputs: "9:y": there is no node 9'),
+            ('[plan.tests.a.data]\noutputs = ["9:y"]', 'plan.tests.a.data.outputs: found "9:y": there is no node 9'),
             ('[plan.tests.a]\nremove = ["uncertain.lenght"]', 'plan.tests.a.remove: found "uncertain.lenght", which'),
             ("[plan.tests.a.noise]\nscale = 1", "plan.tests.a.noise: unknown table; expected one of remove, joined"),
             ('[plan.tests."a b".structure]\nlength_mm = 3.0', 'plan.tests."a b": found a name that tables and'),

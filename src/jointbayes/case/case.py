@@ -38,12 +38,12 @@ from jointbayes.case.plausibility import (
     truth_warnings,
 )
 from jointbayes.case.spec.fields import DATA_FILE, either, show_key
-from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.joint_table import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
+from jointbayes.case.spec.structure_tables import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import fault_line, similar, toml_text
-from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
+from jointbayes.case.toml_text import fault_line, toml_text
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require, similar
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, Problem

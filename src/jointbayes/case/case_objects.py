@@ -19,12 +19,19 @@ from scipy import sparse
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath
-from jointbayes.case.spec.frame_and_imported import ImportedSpec, ModelDampingSpec, PortSpec
 from jointbayes.case.spec.joint_table import JointSpec
 from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
-from jointbayes.case.spec.structure_kinds import MatricesSpec, Matrix
-from jointbayes.case.spec.structure_table import ModalDampingSpec, StructureBase, metres
+from jointbayes.case.spec.structure_tables import (
+    ImportedSpec,
+    MatricesSpec,
+    Matrix,
+    ModalDampingSpec,
+    ModelDampingSpec,
+    PortSpec,
+    StructureBase,
+    metres,
+)
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.frf import (

@@ -22,10 +22,9 @@ from jointbayes.case.toml_text import (
     key_parts,
     parse_toml,
     read_text,
-    similar,
     toml_text,
 )
-from jointbayes.errors import CaseError
+from jointbayes.errors import CaseError, similar
 from vibrecords.errors import printable
 
 _MOST_FILES = 10  # that build on each other

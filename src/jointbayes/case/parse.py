@@ -34,8 +34,8 @@ from jointbayes.case.spec.fields import (
 from jointbayes.case.spec.joint_table import JointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import quantity_table
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import similar, toml_value
-from jointbayes.errors import CaseError
+from jointbayes.case.toml_text import toml_value
+from jointbayes.errors import CaseError, similar
 from jointbayes.joint.quantities import split_hypothesis
 
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.

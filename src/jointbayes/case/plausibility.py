@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 from jointbayes.case.case_text import CaseText, InputWarning
 from jointbayes.case.spec.fields import Finding, numbers_in, other_units
-from jointbayes.case.spec.frame_and_imported import FrameSpec
-from jointbayes.case.spec.structure_kinds import BeamSpec
-from jointbayes.case.spec.structure_table import StructureBase
+from jointbayes.case.spec.structure_tables import BeamSpec, FrameSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
 
 if TYPE_CHECKING:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import bisect
-import difflib
 import json
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
-from jointbayes.errors import CaseError
+from jointbayes.errors import CaseError, similar
 from vibrecords.errors import path_fault, printable
 
 _MOST_BYTES = 1_000_000
@@ -156,13 +155,6 @@ def key_parts(key: str) -> tuple[str, ...]:
         parts.append(name)
         inside = inside[name]
     return _name_of_today(tuple(parts)) if inside == 0 else ()
-
-
-def similar(word: str, choices: Iterable[str]) -> str | None:
-    """Return the choice a misspelt word was probably meant to be, or None."""
-    by_lower = {choice.lower(): choice for choice in choices}
-    close = difflib.get_close_matches(word.lower(), by_lower, 1, 0.6)
-    return by_lower[close[0]] if close else None
 
 
 def fault_line(name: str, line: int, key: str, *parts: str) -> str:

@@ -83,8 +83,7 @@ def load(config: Path) -> "Case":
 
     def tell(warnings: "Iterable[InputWarning]") -> None:
         for warning in warnings:
-            place = fault_line(warning.file, warning.line, warning.key, warning.text)
-            warn(place)
+            warn(fault_line(warning.file, warning.line, warning.key, warning.text))
 
     tell(early)
     from jointbayes.case.case import load_case

@@ -258,6 +258,9 @@ def export(
     common.exit_by_convergence(loaded)
 
 
+_MARKS = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}
+
+
 @click.command()
 @common.config_argument
 @common.outside_option
@@ -276,9 +279,7 @@ def check(config: Path, seed: int | None) -> None:
     result = check_posterior(case, common.draw(case, seed))
     say(f"{case.title}; seed {case.spec.sampling.seed if seed is None else seed}")
     for line in result.lines:
-        mark, word = {True: ("ok  ", "expected"), False: ("FAIL", "expected"), None: ("info", "published")}[
-            line.matches
-        ]
+        mark, word = _MARKS[line.matches]
         say(f"{mark} {line.subject}: {line.found}; {word}: {line.expected}")
     manner().result |= {"matches": result.matches, "lines": [asdict(line) for line in result.lines]}
     say("The posterior mode matches." if result.matches else "The posterior mode does NOT match.")

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from scipy import linalg
 
-from jointbayes.errors import ModelError
+from jointbayes.errors import ModelError, similar
 from jointbayes.structure.damping import DampingLaw
 from jointbayes.structure.frame import SPATIAL, FrameBody, Member, Vector
 from jointbayes.structure.frame_element import (
@@ -143,16 +143,11 @@ def mesh_of(
     many = len(segments) >= MANY
     share, extra = (_VISIBLE_OF_MANY, 1) if many else (1.0, _RICHER)
     loaded = BodyFactors(axial_force=force)
-    elements = [
-        _cheapest(segment.stretch.scaled(loaded), fields_of(segment, directions), 2 * math.pi * top_hz, share, kind)
-        for segment in segments
-    ]
+    elements = []
+    for segment in segments:
+        fields = tuple(_turns(segment.axes, segment.offsets, tuple(directions), 2, True, True))
+        elements.append(_cheapest(segment.stretch.scaled(loaded), fields, 2 * math.pi * top_hz, share, kind))
     return BodyMesh(tuple(segments), tuple((count, order + extra * richer) for count, order in elements))
-
-
-def fields_of(segment: Segment, directions: Sequence[str]) -> tuple[str, ...]:
-    """Those of `FIELDS` that move where points move in some directions only."""
-    return tuple(_turns(segment.axes, segment.offsets, tuple(directions), 2, True, True))
 
 
 @lru_cache(maxsize=1024)
@@ -324,6 +319,7 @@ FrameMesh = tuple[BodyMesh, ...]
 BODY_QUANTITIES = ("youngs_modulus", "density", "length", "section_size", "shear_coefficient", "axial_force")
 _OF_ALL = ("accelerometer_mass", "damping_ratio", "loss_factor")
 _BODY_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+_NAMED = 12  # points in a message
 _HIGHEST_HZ = 1e20  # with squares and products that stay finite
 _ONE = np.array(1.0)
 
@@ -338,6 +334,7 @@ class MemberRecipe(Recipe):
     #: Beyond so many DOFs of one body, and nodes for each point, dense modes take minutes: units are mistaken.
     most_dofs: ClassVar[tuple[int, int]] = (2400, 0)
     most_are: ClassVar[str] = ""
+    a_point: ClassVar[str] = "point"
 
     if TYPE_CHECKING:  # a property would be taken for the default value of a field
 
@@ -362,13 +359,25 @@ class MemberRecipe(Recipe):
         ModelError
             If there is no such point, or no point moves so.
         """
-        point, _, direction = label.partition(":")
-        places = self.positions
-        if point not in places or direction not in self.directions:
-            raise ModelError(
-                f"{self.kind}: found the DOF {printable(label)!r}; expected a point, such as {next(iter(places))}, and "
-                f"one of the directions {', '.join(self.directions)}; correct the label"
-            )
+        point, _, direction = label.rpartition(":")
+        if point not in self.positions:
+            near = None if point.isdecimal() else similar(point, self.positions)
+            near = near or next((name for name in self.positions if name.endswith(f".{point}")), None)
+            shown = f'"{near or next(reversed(self.positions))}:{direction}"'
+            remedy = f"did you mean {shown}?" if near else f"write for example {shown}"
+            found = f'found "{label}": there is no {self.a_point} {point}'
+            raise ModelError.of(self.kind, (), found, self.points_in_words, remedy)
+        if direction not in self.directions:
+            found, expected = f'found "{label}": no direction {direction}', f"one of {', '.join(self.directions)}"
+            in_plane = self.kind == "beam" and direction in _DIRECTIONS[5]
+            remedy = "set dofs_per_node = 5" if in_plane else "choose one of these"
+            raise ModelError.of(self.kind, (), found, expected, remedy)
+
+    @property
+    def points_in_words(self) -> str:
+        """What a point may be, for messages."""
+        names = list(self.positions)
+        return f"one of {', '.join(names[:_NAMED])}" + (f" and {len(names) - _NAMED} more" if names[_NAMED:] else "")
 
     def _body_at(self, point: str) -> tuple[str, FrameBody]:
         """Name and body of a point."""
@@ -746,6 +755,7 @@ class BeamRecipe(MemberRecipe):
     #: A beam of so many has a hundred modes below the highest line: no test is made so.
     most_dofs: ClassVar[tuple[int, int]] = (500, 10)
     most_are: ClassVar[str] = ", a hundred natural frequencies"
+    a_point: ClassVar[str] = "node"
 
     def __post_init__(self) -> None:
         if not _LEAST <= self.length <= _MOST:
@@ -785,16 +795,18 @@ class BeamRecipe(MemberRecipe):
         """Directions of the DOFs of each node."""
         return _DIRECTIONS[self.dofs_per_node]
 
+    @property
+    def points_in_words(self) -> str:
+        """The numbers of its nodes, and further points."""
+        return ", or ".join((f"a node from 1 to {self.elements + 1} (elements + 1)", *dict(self.points)))
+
     @cached_property
     def bodies(self) -> tuple[tuple[str, FrameBody], ...]:
         """Its one member, through all numbered points and those between."""
-        between = {name: self.length * i / self.elements for i, name in self._nodes_beside()} | dict(self.points)
-        return (("", self._body(between)),)
-
-    def _nodes_beside(self) -> set[tuple[int, str]]:
-        """Spans before, and names, of the numbered points on both sides of each further one."""
+        # spans before the numbered points on both sides of each further one
         spans = {int(self.elements * place / self.length) + side for _, place in self.points for side in (0, 1)}
-        return {(i, str(i + 1)) for i in spans if 0 < i < self.elements}
+        numbered = {str(i + 1): self.length * i / self.elements for i in spans if 0 < i < self.elements}
+        return (("", self._body(numbered | dict(self.points))),)
 
     def _body(self, between: Mapping[str, float]) -> FrameBody:
         places = {"1": 0.0, **dict(sorted(between.items(), key=itemgetter(1))), str(self.elements + 1): self.length}

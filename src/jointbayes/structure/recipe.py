@@ -97,13 +97,13 @@ class Recipe(ABC):
     def extent(self) -> float:
         """Size, m."""
 
-    @abstractmethod
     def own_stiffness(self, row: str, column: str) -> float:
         """Its stiffness by itself where two DOFs of a point are: what default priors are relative to."""
+        return self.structure().own_stiffness(row, column)
 
-    @abstractmethod
     def own_inertia(self, dof: str) -> float:
         """Mass, kg, or moment of inertia, kg·m², that a spring at a DOF moves where nothing else holds it."""
+        return self.structure().own_inertia(dof)
 
     @abstractmethod
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> Any:  # noqa: ANN401 (its own)
@@ -326,7 +326,7 @@ class UncertainBody(Body):
     def damping_ratios(self, factors: Array, count: int) -> Array:
         """Damping ratio of each of the first `count` modes, (n, count), or (1, count) where all are certain."""
         law = self.recipe.damping
-        certain = self._certain_ratios[:count]
+        certain = law.per_mode(min(count, self.n_dofs))
         if not any(map(is_damping_ratio, self.names)):
             return certain[None]
         listed = len(law.ratios) if isinstance(law, ModalDamping) else 1
@@ -336,10 +336,6 @@ class UncertainBody(Body):
             # the last one holds for all higher modes
             ratios[:, i : None if i == listed - 1 else i + 1] *= self.factor(factors, f"damping_ratio_{i + 1}")[:, None]
         return ratios
-
-    @cached_property
-    def _certain_ratios(self) -> Array:
-        return self.recipe.damping.per_mode(self.n_dofs)
 
     def loss_factors(self, factors: Array) -> Array:
         """Loss factor, shape (n,)."""

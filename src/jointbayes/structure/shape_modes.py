@@ -40,7 +40,8 @@ class _Interpolation:
     """
 
     def __init__(self, ends: Sequence[tuple[float, float]], counts: Sequence[int]) -> None:
-        self._nodes = [_chebyshev(low, high, n) for (low, high), n in zip(ends, counts, strict=True)]
+        each = zip(ends, counts, strict=True)
+        self._nodes = [(a + b) / 2 + (b - a) / 2 * np.cos((np.arange(n) + 0.5) * np.pi / n) for (a, b), n in each]
         self._weights = [(-1.0) ** np.arange(n) * np.sin((np.arange(n) + 0.5) * np.pi / n) for n in counts]
 
     @property
@@ -164,10 +165,6 @@ def _hopeless(errors: Sequence[float]) -> bool:
     first, last = errors[-_TRIED], errors[-1]
     done, left = _NODES[len(errors) - 1] - _NODES[len(errors) - _TRIED], _NODES[-1] - _NODES[len(errors) - 1]
     return not (last < first / 2 and last * (last / first) ** (left / done) < _FAR * _ACCURATE)
-
-
-def _chebyshev(low: float, high: float, n: int) -> Array:
-    return (low + high) / 2 + (high - low) / 2 * np.cos((np.arange(n) + 0.5) * np.pi / n)
 
 
 def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:

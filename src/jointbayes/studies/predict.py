@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Canvas
 from jointbayes.case.case_objects import CaseHome, quantities_of, reduce_imported
 from jointbayes.case.case_text import CaseText, read_case_text
 from jointbayes.case.parse import parse_case
-from jointbayes.case.spec.frame_and_imported import ImportedSpec
+from jointbayes.case.spec.structure_tables import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, JointBayesError
 from jointbayes.frf import Ports

@@ -50,7 +50,7 @@ from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from jointbayes.case.spec.structure_table import StructureBase
+    from jointbayes.case.spec.structure_tables import StructureBase
     from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, NoiseLaw, Observed
     from vibrecords.measurement_plan import Channel, VarianceSource
     from vibrecords.rotations import Rotation

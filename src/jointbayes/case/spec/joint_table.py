@@ -9,7 +9,7 @@ from pydantic import Field, Strict
 
 from jointbayes.case.spec.fields import OWN, Finding, Labels, Spec, either, key_field
 from jointbayes.case.spec.prior_tables import PriorsSpec, StiffnessSpec
-from jointbayes.case.spec.structure_table import metres
+from jointbayes.case.spec.structure_tables import metres
 from jointbayes.joint import (
     COORDINATES,
     DIRECTIONS,

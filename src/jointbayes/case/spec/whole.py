@@ -24,7 +24,6 @@ from jointbayes.case.spec.data_table import (
     synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
-from jointbayes.case.spec.frame_and_imported import FrameSpec, ImportedSpec
 from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import (
     ModelErrorSpec,
@@ -48,8 +47,14 @@ from jointbayes.case.spec.settings_tables import (
     TestSpec,
     VirtualTestSpec,
 )
-from jointbayes.case.spec.structure_kinds import BeamSpec, ChainSpec, MatricesSpec
-from jointbayes.case.spec.structure_table import StructureBase
+from jointbayes.case.spec.structure_tables import (
+    BeamSpec,
+    ChainSpec,
+    FrameSpec,
+    ImportedSpec,
+    MatricesSpec,
+    StructureBase,
+)
 from jointbayes.joint import COORDINATES
 from jointbayes.joint.quantities import prefixed
 
@@ -57,6 +62,7 @@ if TYPE_CHECKING:
     from jointbayes.joint import Joint, Parametrisation
 
 
+_SUPPORTS = "structure", "supports"
 _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 
@@ -82,6 +88,7 @@ def dof_findings(
             remedy = "raise structure.elements" if structure.spans else "remove the highest"
             yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
+    labelled[_SUPPORTS] = structure.supports
     yield from _immovable_dofs(structure, labelled, elsewhere)
     if (files := files_table(data)) is not None:
         yield from _channel_findings(structure, files)
@@ -95,7 +102,7 @@ def _immovable_dofs(
         absent = None if label in elsewhere else structure.absent(label)
         if absent is not None:
             yield Finding((*loc, i), *absent)
-        elif label in structure.supports:
+        elif label in structure.supports and loc != _SUPPORTS:
             fault = f'"{label}" is held fixed by structure.supports'
             yield Finding((*loc, i), fault, "a DOF that can move", "choose another or free this one")
 
@@ -561,15 +568,14 @@ class CaseSpec(Spec):
         return prefixed(test, name) if name else test, prefixed(test, owner) if owner else test
 
     def _findings(self) -> Iterator[Finding]:
-        """Yield DOFs that do not exist, else what no object can be, else where tables do not agree with each other."""
-        found = list(self._dof_findings())
-        if not found:
-            BEFORE_OBJECTS.get()()
-            found = list(self.object_findings()) or list(self._table_findings())
-        yield from found
-
-    def _dof_findings(self) -> Iterator[Finding]:
-        return dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels)
+        """Yield what no structure is, else DOFs it lacks, else what no object can be, else where tables disagree."""
+        BEFORE_OBJECTS.get()()
+        yield from (
+            list(self.structure.object_findings(("structure",)))
+            or list(dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels))
+            or list(self.object_findings())
+            or list(self._table_findings())
+        )
 
     def _table_findings(self) -> Iterator[Finding]:
         yield from self._test_findings()

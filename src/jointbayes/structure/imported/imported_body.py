@@ -171,14 +171,6 @@ class ImportedRecipe(Recipe):
         """The model by its file and size."""
         return f"{self.source}, {self.size} DOFs reduced to {len(self.used.mass)}"
 
-    def own_stiffness(self, row: str, column: str) -> float:
-        """Its stiffness by itself where two DOFs of a port are, see `Body`."""
-        return self.structure().own_stiffness(row, column)
-
-    def own_inertia(self, dof: str) -> float:
-        """Mass, kg, or moment of inertia, kg·m², that a spring at a DOF moves where nothing else holds it."""
-        return self.structure().own_inertia(dof)
-
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
         """No elements to be chosen; a frequency beyond the modes of the reduction is refused.
 
@@ -289,11 +281,7 @@ class ImportedFamily(UncertainBody):
         return _ScaledModes(modes, self._axes, self.factor, bool(set(self.names) & {*self._axes, *_WHOLE}))
 
     def _structure_at(self, numbers: Sequence[float]) -> Structure:
-        return self._lumped.structure(dict(zip(self._axes, np.exp(numbers).tolist(), strict=True)))
-
-    @cached_property
-    def _lumped(self) -> ImportedRecipe:
-        return self.recipe.lumped
+        return self.recipe.lumped.structure(dict(zip(self._axes, np.exp(numbers).tolist(), strict=True)))
 
     def factor(self, factors: Array, name: str) -> Array:
         """Factor on one quantity, shape (n,); of accelerometers on all mass at their places."""

@@ -23,8 +23,8 @@ from jointbayes.case.case_text import CaseText, find_outside, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.case.toml_text import key_parts, similar, toml_text
-from jointbayes.errors import CaseError, MeasurementError, ModelError
+from jointbayes.case.toml_text import key_parts, toml_text
+from jointbayes.errors import CaseError, MeasurementError, ModelError, similar
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.posterior import Cell
 from jointbayes.progress import Progress, ProgressCallback, callback_of

@@ -19,9 +19,8 @@ from jointbayes.case.case import Case
 from jointbayes.case.case_objects import CaseTest, complete_from_data, noise_of, quantities_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.parse import parse_planned
-from jointbayes.case.spec.frame_and_imported import ImportedSpec
 from jointbayes.case.spec.settings_tables import PlanSpec
-from jointbayes.case.spec.structure_kinds import MatricesSpec
+from jointbayes.case.spec.structure_tables import ImportedSpec, MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_start
 from jointbayes.errors import CaseError, JointBayesError, ModelError
