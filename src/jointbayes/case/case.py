@@ -38,7 +38,7 @@ from jointbayes.case.plausibility import (
     truth_warnings,
 )
 from jointbayes.case.spec.fields import DATA_FILE, either, show_key
-from jointbayes.case.spec.joint_table import joint_table
+from jointbayes.case.spec.prior_tables import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_tables import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec

@@ -31,8 +31,7 @@ from jointbayes.case.spec.fields import (
     stem_of,
     unit_of,
 )
-from jointbayes.case.spec.joint_table import JointSpec, joint_table, prior_table
-from jointbayes.case.spec.prior_tables import quantity_table
+from jointbayes.case.spec.prior_tables import JointSpec, joint_table, prior_table, quantity_table
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_value
 from jointbayes.errors import CaseError, similar

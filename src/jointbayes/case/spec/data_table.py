@@ -12,7 +12,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
@@ -35,6 +34,7 @@ from jointbayes.case.spec.fields import (
     Positive,
     Ratios,
     Spec,
+    band_lines,
     count_field,
     even,
     key_field,
@@ -778,10 +778,7 @@ class SyntheticFrfSpec(DataTable):
         """Return the frequency lines in Hz; the last one is at ``f_max_hz`` or less than a step below."""
         if self.f_max_hz is None or self.f_step_hz is None:
             return self.frequencies_hz or ()
-        lowest = self.f_min_hz or self.f_step_hz
-        # The allowance keeps f_max itself when the division falls just short of a whole number.
-        steps = math.floor((self.f_max_hz - lowest) / self.f_step_hz + 1e-9)
-        return tuple(lowest + i * self.f_step_hz for i in range(steps + 1))
+        return band_lines(self.f_min_hz or self.f_step_hz, self.f_max_hz, self.f_step_hz)
 
     def _findings(self) -> Iterator[Finding]:
         band = {"f_min_hz": self.f_min_hz, "f_max_hz": self.f_max_hz, "f_step_hz": self.f_step_hz}
@@ -848,26 +845,14 @@ class NaturalFrequenciesSpec(DataTable):
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
 
-@singledispatch
 def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
     """The table of data that a stated truth makes."""
-    return None
+    return data if isinstance(data, SyntheticFrfSpec) else None
 
 
-@synthetic_table.register
-def _synthetic_table(data: SyntheticFrfSpec) -> SyntheticFrfSpec:
-    return data
-
-
-@singledispatch
 def files_table(data: DataTable) -> MeasuredSpec | None:
     """The table of data that are in measurement files."""
-    return None
-
-
-@files_table.register
-def _files_table(data: MeasuredSpec) -> MeasuredSpec:
-    return data
+    return data if isinstance(data, MeasuredSpec) else None
 
 
 DataSpec = Annotated[

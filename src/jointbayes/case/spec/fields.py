@@ -521,6 +521,12 @@ class DataTable(Spec):
         return "frequencies_hz"
 
 
+def band_lines(low: float, high: float, step: float) -> tuple[float, ...]:
+    """Lines of a band in Hz; the last one is at its upper end or less than a step below."""
+    # the allowance keeps the upper end itself where the division falls just short of a whole number
+    return tuple(low + i * step for i in range(math.floor((high - low) / step + 1e-9) + 1))
+
+
 def law_findings(law: Spec) -> Iterator[Finding]:
     """Yield that a law of noise states less than both of its parts."""
     yield from (Finding((key,), missing=True) for key in sorted({"relative", "floor"} - law.model_fields_set))

@@ -1,20 +1,33 @@
-"""The tables of a case file that state stiffnesses or a prior: `[prior]` for the joint, `[uncertain]` for all else."""
+"""The tables of joints and of what is known before: `[joint]`, `[joints.NAME]`, `[prior]`, `[uncertain]`."""
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
 
-from jointbayes.case.spec.fields import OWN, Finding, Positive, Spec, ascii_unit, key_field, not_negative, positive
+from jointbayes.case.spec.fields import (
+    OWN,
+    Finding,
+    Labels,
+    Positive,
+    Spec,
+    ascii_unit,
+    either,
+    key_field,
+    not_negative,
+    positive,
+)
+from jointbayes.case.spec.structure_tables import metres
 from jointbayes.joint import (
     COORDINATES,
     COUPLED,
     DIRECTIONS,
+    KINDS,
     Coordinate,
+    Quantity,
     damping_quantities,
     full_coordinates,
     full_stiffnesses,
@@ -23,6 +36,7 @@ from jointbayes.joint import (
 
 if TYPE_CHECKING:
     from jointbayes.inference import ErrorSizes, Marginal
+    from jointbayes.joint import Joint, Parametrisation
     from vibrecords.arrays import Array
 
 #: How well material and length are known in a workshop, where the case takes them as exactly known.
@@ -124,11 +138,23 @@ class NamedStiffnessSpec(Spec):
 
 
 class _PriorSpec(Spec):
-    """A prior, which refuses impossible constants itself."""
+    """A prior, which refuses impossible constants itself: its kind, and the constants of that kind in their order."""
 
-    @abstractmethod
+    distribution: Annotated[str, _DISTRIBUTION]
+
     def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
+        """The prior on the coordinate, which is the logarithm of a stiffness."""
+        from jointbayes.inference import Normal, OfStiffness, Uniform
+
+        make: dict[str, Callable[..., Marginal]] = {
+            "log_uniform": Uniform.of_logarithm,
+            "log_normal": lambda median, sd: Normal(math.log(median), sd),
+            "decades": Normal.from_decades,
+            "uniform": lambda low, high: OfStiffness(Uniform(low, high)),
+            "normal": lambda mean, sd: OfStiffness(Normal(mean, sd)),
+        }
+        kind, *constants = dict(self).values()
+        return make[kind](*constants)
 
     def try_objects(self) -> None:
         """The prior."""
@@ -142,12 +168,6 @@ class LogUniformPriorSpec(_PriorSpec):
     low: Annotated[float, positive(f"the lower bound {_UNIT}", 1e6)]
     high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e11)]
 
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import Uniform
-
-        return Uniform.of_logarithm(self.low, self.high)
-
 
 class LogNormalPriorSpec(_PriorSpec):
     """The logarithm of the stiffness is normal about the logarithm of the median."""
@@ -155,12 +175,6 @@ class LogNormalPriorSpec(_PriorSpec):
     distribution: Annotated[Literal["log_normal"], _DISTRIBUTION]
     median: Annotated[float, positive(f"the median {_UNIT}", 1e9)]
     sd_log: Annotated[float, positive("the standard deviation of the natural logarithm", 1.0)]
-
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import Normal
-
-        return Normal(math.log(self.median), self.sd_log)
 
 
 class DecadesPriorSpec(_PriorSpec):
@@ -170,12 +184,6 @@ class DecadesPriorSpec(_PriorSpec):
     guess: Annotated[float, positive(f"the guess {_UNIT}", 1e9)]
     decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
 
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import Normal
-
-        return Normal.from_decades(self.guess, self.decades)
-
 
 class UniformStiffnessPriorSpec(_PriorSpec):
     """Every value of the stiffness itself is equally probable between two bounds."""
@@ -184,12 +192,6 @@ class UniformStiffnessPriorSpec(_PriorSpec):
     low: Annotated[float, not_negative(f"the lower bound {_UNIT}", 1e6)]
     high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e8)]
 
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import OfStiffness, Uniform
-
-        return OfStiffness(Uniform(self.low, self.high))
-
 
 class NormalStiffnessPriorSpec(_PriorSpec):
     """The stiffness itself is normal, cut off at zero."""
@@ -197,12 +199,6 @@ class NormalStiffnessPriorSpec(_PriorSpec):
     distribution: Annotated[Literal["normal"], _DISTRIBUTION]
     mean: Annotated[float, positive(f"the mean {_UNIT}", 1e8)]
     sd: Annotated[float, positive(f"the standard deviation {_UNIT}", 2e7)]
-
-    def marginal(self) -> Marginal:
-        """The prior on the coordinate."""
-        from jointbayes.inference import Normal, OfStiffness
-
-        return OfStiffness(Normal(self.mean, self.sd))
 
 
 _StiffnessPrior = (
@@ -437,3 +433,139 @@ def quantity_table(name: str) -> tuple[str, ...]:
 def _stated(spec: Spec, prefix: str) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
     each = ((name, getattr(spec, name)) for name in type(spec).model_fields)
     return {f"{prefix}{name}": prior for name, prior in each if isinstance(prior, FactorPriorSpec | OffsetPriorSpec)}
+
+
+_DOFS = key_field("the translation and then the rotation, two DOF labels", ["1:y", "1:rz"])
+_AGAINST = key_field("no DOF (joint to ground) or as many as dofs, those of the other side", ["9:y", "9:rz"])
+_LOG, *_ = COORDINATES
+_COUPLED, *_ = KINDS
+_KIND = key_field("the kind of joint, " + either(f'"{kind}"' for kind in KINDS), _COUPLED)
+_OWN_AXES = key_field(
+    "the joint's own x, y and z, three lists of three numbers", [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0, 0, 1]]
+)
+_OFFSET = key_field("the way from the DOFs' point to the joint's in mm, three numbers x, y, z", [25.0, 0.0, 0.0])
+_OFFSET_AGAINST = key_field(
+    "the way from the other side's point to the joint's in mm, three numbers", [-25.0, 0.0, 0.0]
+)
+_SHARED = key_field("the name of the joint whose quantities are those of this one", "left")
+_PARAMETRISATION = key_field(
+    either(
+        f'"{key}" ({", ".join(f"ln {axis.name}" if axis.logarithmic else axis.name for axis in axes)})'
+        for key, axes in COORDINATES.items()
+    ),
+    _LOG,
+)
+if TYPE_CHECKING:
+    ParametrisationName = str
+    KindName = str
+else:
+    ParametrisationName = Literal[tuple(COORDINATES)]
+    KindName = Literal[KINDS]
+
+_Names = Annotated[tuple[str, ...], Strict(False)]
+_VISCOUS = key_field("a list of springs of the joint that have a dashpot beside them", ["k11", "k22"])
+_LOSS = key_field('a list of springs of the joint that have a loss factor, or ["all"]', ["all"])
+_Vector = Annotated[tuple[float, float, float], Strict(False)]
+_Share = Annotated[float, Field(ge=-1, le=1)]
+_Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
+
+
+# What must be the same in joints that share their quantities.
+_ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
+
+
+def joint_table(name: str) -> tuple[str, ...]:
+    """Key of the table of a joint; of a lone one, which has no name, that of all."""
+    return ("joints", name) if name else ("joint",)
+
+
+def prior_table(name: str) -> tuple[str, ...]:
+    """Key of the table of the priors of a joint."""
+    return ("joints", name, "prior") if name else ("prior",)
+
+
+class JointSpec(Spec):
+    """A joint: where it acts, of which kind it is, how it is parametrised, and the first guess of the iteration."""
+
+    kind: Annotated[KindName, _KIND] = _COUPLED
+    dofs: Annotated[Labels, Field(min_length=1, max_length=len(DIRECTIONS)), _DOFS]
+    against: Annotated[Labels, _AGAINST] = ()
+    axes: Annotated[Annotated[tuple[_Unit, _Unit, _Unit], Strict(False)] | None, _OWN_AXES] = None
+    offset_mm: Annotated[_Vector | None, _OFFSET] = None
+    offset_against_mm: Annotated[_Vector | None, _OFFSET_AGAINST] = None
+    parametrisation: Annotated[ParametrisationName, _PARAMETRISATION] = _LOG
+    viscous: Annotated[_Names, _VISCOUS] = ()
+    loss_factors: Annotated[_Names, _LOSS] = ()
+    initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
+    own: Annotated[bool, OWN] = False
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Directions of its DOFs."""
+        return tuple(label.split(":")[1] for label in self.dofs)
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """Its parameters, each of which needs a prior."""
+        return self.parametrisation_object.axes
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Its stiffnesses, then its damping."""
+        return self.parametrisation_object.quantities
+
+    @property
+    def damping(self) -> tuple[Quantity, ...]:
+        """Dashpots and loss factors."""
+        return self.quantities[len(self.stiffnesses) :]
+
+    @property
+    def stiffnesses(self) -> tuple[Quantity, ...]:
+        """Its stiffnesses."""
+        return self._undamped.quantities
+
+    def unlike(self, other: JointSpec) -> list[str]:
+        """What keeps it from sharing its quantities with another joint."""
+        return [what for what in _ALIKE if getattr(self, what) != getattr(other, what)]
+
+    def built(self, name: str = "") -> Joint:
+        """Where it acts."""
+        from jointbayes.joint import Joint
+
+        offsets = [mm and metres(mm) for mm in (self.offset_mm, self.offset_against_mm)]
+        return Joint(self.dofs, self.against, name, self.axes, *offsets)
+
+    @property
+    def parametrisation_object(self) -> Parametrisation:
+        """Its coordinates."""
+        from jointbayes.joint import Damped
+
+        kind = self._undamped
+        return Damped(kind, self.viscous, self.loss_factors) if self.viscous or self.loss_factors else kind
+
+    @property
+    def _undamped(self) -> Parametrisation:
+        from jointbayes.joint import parametrisation_named
+
+        return parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
+
+    def try_objects(self) -> None:
+        """Where it acts, and its coordinates."""
+        self.built()
+        _ = self.parametrisation_object
+
+    def _findings(self) -> Iterator[Finding]:
+        for key in ("initial", "parametrisation"):
+            if self.kind != _COUPLED and key in self.model_fields_set:
+                yield Finding((key,), f'found it with kind = "{self.kind}"', f'kind = "{_COUPLED}"', "remove it")
+        if self.offset_against_mm is not None and not self.against:
+            yield Finding(("offset_against_mm",), "found an offset of no side", "against, the other side", "remove it")
+
+
+class NamedJointSpec(JointSpec):
+    """One of several joints: as `[joint]`, with its own priors, or the quantities of another one."""
+
+    prior: Annotated[
+        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [joints.left.prior.k11]")
+    ] = None
+    shared: Annotated[str | None, _SHARED] = None

@@ -26,6 +26,7 @@ from jointbayes.case.spec.fields import (
     Name,
     Positive,
     Spec,
+    band_lines,
     count_field,
     distinct,
     key_field,
@@ -244,8 +245,7 @@ class PredictSpec(Spec):
 
     def lines_hz(self) -> tuple[float, ...]:
         """The lines, Hz; the last one is at ``f_max_hz`` or less than a step below."""
-        count = int((self.f_max_hz - self.f_min_hz) / self.f_step_hz * (1 + 1e-12)) + 1
-        return tuple(self.f_min_hz + i * self.f_step_hz for i in range(count))
+        return band_lines(self.f_min_hz, self.f_max_hz, self.f_step_hz)
 
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.f_min_hz, self.f_max_hz, "f_min_hz", "f_max_hz", "in Hz")

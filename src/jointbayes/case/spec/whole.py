@@ -24,12 +24,15 @@ from jointbayes.case.spec.data_table import (
     synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
-from jointbayes.case.spec.joint_table import JointSpec, NamedJointSpec, joint_table, prior_table
 from jointbayes.case.spec.prior_tables import (
+    JointSpec,
     ModelErrorSpec,
+    NamedJointSpec,
     NamedStiffnessSpec,
     PriorsSpec,
     UncertainSpec,
+    joint_table,
+    prior_table,
     quantity_table,
 )
 from jointbayes.case.spec.settings_tables import (

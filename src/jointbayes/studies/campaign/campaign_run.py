@@ -95,29 +95,25 @@ class BaseCase:
             texts = {k: cell for k, cell in given.items() if any(f": {k}: " in fault for fault in faults)}
             data, spec, _ = self._judged(values | texts, where)
         if spec is None:
-            raise CaseError("\n".join(self._placed(fault, given, where) for fault in faults))
+            row = f"{printable(where)}: "
+            raise CaseError("\n".join(f if f.startswith(row) else row + _OF_BASE.sub(r"\2, \1: ", f) for f in faults))
         return data, spec
 
     def _judged(self, values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
-        data = dict(self.source.data)
+        data, places = dict(self.source.data), {(): (str(self.path), 1), **self.source.places}
+        table, _, line = where.rpartition(":")
         for key, value in values.items():
-            _set(data, key, value, where)
+            parts = _set(data, key, value, where)
+            places = {at: place for at, place in places.items() if at[: len(parts)] != parts}
+            places[parts] = table, int(line)
         try:
-            return data, parse_case(CaseText(str(self.path), "", data, self.source.places)), []
+            return data, parse_case(CaseText(table, "", data, places)), []
         except CaseError as error:
             return data, None, str(error).splitlines()
 
-    def _placed(self, fault: str, given: Mapping[str, str], where: str) -> str:
-        """A fault with the row in place of the base's line, where the row gives that key."""
-        files = {printable(file) for file in (str(self.path), *(file for file, _ in self.source.places.values()))}
-        file = max((file for file in files if fault.startswith(f"{file}:")), key=len, default=None)
-        if file is None:
-            return f"{where}: {fault}"
-        line, _, rest = fault.removeprefix(f"{file}:").partition(": ")
-        key, _, words = rest.partition(": ")
-        if any(key == column or key.startswith(f"{column}.") for column in given):
-            return f"{where}: {rest}"
-        return f"{where}: {key}, {file}:{line}: {words}"
+
+#: Line and key of a fault.
+_OF_BASE = re.compile(r"^(.+?:\d+): (.+?): ")
 
 
 def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
@@ -128,7 +124,7 @@ def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
     return parsed["value"] if parsed.keys() == {"value"} else cell
 
 
-def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
+def _set(data: dict[str, Any], key: str, value: object, where: str) -> tuple[str, ...]:
     parts = key_parts(key)
     if not parts:
         raise CaseError(
@@ -146,6 +142,7 @@ def _set(data: dict[str, Any], key: str, value: object, where: str) -> None:
                 "correct the column's name"
             )
     table[last] = value
+    return parts
 
 
 @lru_cache(maxsize=1000)

@@ -5,7 +5,6 @@ Whole tests that it proposes are built as far as they can be without data of the
 
 import itertools
 import json
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -19,6 +18,7 @@ from jointbayes.case.case import Case
 from jointbayes.case.case_objects import CaseTest, complete_from_data, noise_of, quantities_of, recipe_of
 from jointbayes.case.case_text import CaseText, planned_texts
 from jointbayes.case.parse import parse_planned
+from jointbayes.case.spec.fields import band_lines
 from jointbayes.case.spec.settings_tables import PlanSpec
 from jointbayes.case.spec.structure_tables import ImportedSpec, MatricesSpec
 from jointbayes.case.spec.whole import CaseSpec
@@ -44,7 +44,6 @@ from jointbayes.posterior.first_look import (
 )
 from jointbayes.structure import Body, StructureRecipe, family_of_recipe
 from vibrecords import ModalData, Quantity
-from vibrecords.arrays import Array
 
 #: So many of a test's changes are named in a sentence.
 _NAMED = 3
@@ -344,8 +343,7 @@ class _FrfMaker(_Maker):
         top, data = self._spec.plan.f_max_hz, self._data
         if top is None or self._step_hz is None:
             return
-        steps = math.floor((top - float(self._lines[0])) / self._step_hz + 1e-9)
-        lines: Array = float(self._lines[0]) + self._step_hz * np.arange(steps + 1, dtype=float)
+        lines = np.array(band_lines(float(self._lines[0]), top, self._step_hz))
         if lines[-1] > self._lines[-1]:
             ports, new = Ports(lines, data.outputs, data.inputs), float(self._lines[-1])
             yield self._candidate(f"band to {top:g} Hz", f"a band up to {top:g} Hz", ports=ports, above_hz=new)
