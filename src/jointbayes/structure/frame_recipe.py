@@ -37,7 +37,7 @@ from jointbayes.structure.frame_element import (
     part_matrices,
 )
 from jointbayes.structure.matrices import Structure
-from jointbayes.structure.recipe import HALF_WAVES, ElementKind, Recipe
+from jointbayes.structure.recipe import HALF_WAVES, Recipe
 from jointbayes.structure.section import BeamMaterial, Section
 from vibrecords.arrays import Array, Indices, convert_fields
 from vibrecords.errors import printable
@@ -327,9 +327,7 @@ _ONE = np.array(1.0)
 class MemberRecipe(Recipe):
     """What recipes of straight members share, which make up one body or several: frames, and the beam of one member."""
 
-    __slots__ = ()
     supports: tuple[str, ...]
-    richer: bool
 
     #: Beyond so many DOFs of one body, and nodes for each point, dense modes take minutes: units are mistaken.
     most_dofs: ClassVar[tuple[int, int]] = (2400, 0)
@@ -557,9 +555,7 @@ class FrameRecipe(MemberRecipe):
     directions
         In which points move: the others of x, y, z, rx, ry, rz are held everywhere. ``("x", "y", "rz")`` is a plane
         frame.
-    richer
-        Whether elements are four orders richer than it takes: a reference for others. No matter to the paper's element.
-    supports, accelerometer_mass, added_mass, accelerometer_dofs
+    supports, accelerometer_mass, added_mass, accelerometer_dofs, richer
         See `Recipe`.
     element
         ``"converged"``, or ``"paper"`` for one of its two-node elements between each two points.
@@ -582,11 +578,6 @@ class FrameRecipe(MemberRecipe):
     damping: DampingLaw
     directions: tuple[str, ...] = SPATIAL
     supports: tuple[str, ...] = ()
-    accelerometer_mass: float = 0.0
-    added_mass: float = 0.0
-    accelerometer_dofs: tuple[str, ...] = ()
-    element: ElementKind = "converged"
-    richer: bool = False
 
     kind: ClassVar[str] = "frame"
 
@@ -718,14 +709,11 @@ class BeamRecipe(MemberRecipe):
         motion, no torsion.
     shear_coefficient
         κ for both planes; None takes Cowper's formula for the section.
-    richer
-        Whether elements are four orders richer than it takes, one where points are many: a reference for others. No
-        matter to the paper's element.
     axial_force
         Force along it at rest, N, tension positive, see `Member`.
     points
         Further points between the numbered ones: name and distance from node 1, m. They move with its length.
-    supports, accelerometer_mass, added_mass, accelerometer_dofs, element
+    supports, accelerometer_mass, added_mass, accelerometer_dofs, element, richer
         See `Recipe`.
 
     Raises
@@ -742,11 +730,6 @@ class BeamRecipe(MemberRecipe):
     dofs_per_node: Literal[2, 5] = 2
     shear_coefficient: float | None = None
     supports: tuple[str, ...] = ()
-    accelerometer_mass: float = 0.0
-    added_mass: float = 0.0
-    accelerometer_dofs: tuple[str, ...] = ()
-    element: ElementKind = "converged"
-    richer: bool = False
     axial_force: float = 0.0
     points: tuple[tuple[str, float], ...] = ()
 

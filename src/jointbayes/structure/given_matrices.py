@@ -12,7 +12,7 @@ from jointbayes.structure.body import FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced
-from jointbayes.structure.recipe import ElementKind, Recipe, UncertainBody
+from jointbayes.structure.recipe import Recipe, UncertainBody
 from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import array_of, printable
 
@@ -57,10 +57,6 @@ class MatrixRecipe(Recipe):
     damping: DampingLaw
     supports: tuple[str, ...] = ()
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    accelerometer_mass: float = 0.0
-    added_mass: float = 0.0
-    accelerometer_dofs: tuple[str, ...] = ()
-    element: ElementKind = "converged"
 
     kind: ClassVar[str] = "structure"
     quantities: ClassVar[tuple[str, ...]] = ("damping_ratio", "loss_factor")

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -44,6 +44,7 @@ def is_damping(name: str) -> bool:
     return name == "loss_factor" or is_damping_ratio(name)
 
 
+@dataclass(frozen=True, eq=False)
 class Recipe(ABC):
     """Everything that a structure's matrices are made from, each quantity open to a factor.
 
@@ -61,19 +62,26 @@ class Recipe(ABC):
         Mass that is exactly known, beside that of each accelerometer, kg.
     accelerometer_dofs
         Where one sits: its mass moves in all translations of the point of each of these DOFs that is a translation.
-    element
-        How it is discretised; no matter where matrices are given.
+    element, richer
+        How it is discretised, and whether elements are four orders richer than it takes, one where points are many: a
+        reference for others. No matter to the paper's element, or where matrices are given.
     """
 
     #: What it is, where a message begins.
     kind: ClassVar[str]
 
-    __slots__ = ()
-    damping: DampingLaw
-    accelerometer_mass: float
-    added_mass: float
-    accelerometer_dofs: tuple[str, ...]
-    element: ElementKind
+    if TYPE_CHECKING:  # a field of each, in its place among theirs
+
+        @property
+        def damping(self) -> DampingLaw:
+            """Damping law."""
+
+    _: KW_ONLY
+    accelerometer_mass: float = 0.0
+    added_mass: float = 0.0
+    accelerometer_dofs: tuple[str, ...] = ()
+    element: ElementKind = "converged"
+    richer: bool = False
 
     def _require_masses(self) -> None:
         if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
@@ -116,7 +124,7 @@ class Recipe(ABC):
     @property
     def reference(self) -> Self:
         """The same structure of much richer elements."""
-        return replace(self, element="converged", richer=True)  # type: ignore[type-var]  # both have these fields
+        return replace(self, element="converged", richer=True)
 
     def has_quantity(self, name: str) -> bool:
         """Whether a quantity is one of the structure's."""
@@ -152,7 +160,7 @@ class Recipe(ABC):
     def lumped(self) -> Self:
         """The same structure, all mass at an accelerometer's place taken for the accelerometer's."""
         masses: dict[str, Any] = {"accelerometer_mass": self.accelerometer_mass + self.added_mass, "added_mass": 0.0}
-        return replace(self, **masses)  # type: ignore[type-var]  # every recipe is a dataclass
+        return replace(self, **masses)
 
     def lumped_factor(self, factor: Array) -> Array:
         """Factors on all mass at an accelerometer's place, from those on the accelerometer alone."""
@@ -297,7 +305,7 @@ class UncertainBody(Body):
         """The same, its damping taken for certain, at these factors."""
         certain = {name: factors.get(name, 1.0) for name in self.ranges if is_damping(name)}
         ranges = {name: ends for name, ends in self.ranges.items() if name not in certain}
-        recipe = replace(self.recipe, damping=self.recipe.damping.scaled(certain))  # type: ignore[type-var]
+        recipe = replace(self.recipe, damping=self.recipe.damping.scaled(certain))  # type: ignore[call-arg]  # a field of each
         return replace(self, recipe=recipe, ranges=ranges)
 
     def structure(self, factors: Array) -> Structure:

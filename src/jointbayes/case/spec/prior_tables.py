@@ -409,11 +409,9 @@ class UncertainSpec(Spec):
     def _findings(self) -> Iterator[Finding]:
         stated = {**dict.fromkeys(self.given, "prior"), **({"model_error": "errors"} if self.model_error else {})}
         for i, name in enumerate(self.exact):
-            key = "model_error" if name == "model" else name
-            if key not in stated:
-                continue
-            fault = f'found "{name}", whose {stated[key]} [uncertain.{key}] states'
-            yield Finding(("exact", i), fault, "one of the two", "remove one")
+            if (key := "model_error" if name == "model" else name) in stated:
+                fault = f'found "{name}", whose {stated[key]} [uncertain.{key}] states'
+                yield Finding(("exact", i), fault, "one of the two", "remove one")
 
     @property
     def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:

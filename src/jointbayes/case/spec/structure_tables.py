@@ -563,7 +563,7 @@ class MatricesSpec(_RowsSpec):
             self.damping.built(),
             self.supports,
             {name: metres(place) for name, place in self.points.items()},
-            self.accelerometer_mass_g * 1e-3,
+            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
             accelerometer_dofs=loaded,
         )
 
@@ -755,7 +755,7 @@ class FrameSpec(BeamsSpec, StructureBase):
             self.damping.built(),
             self.directions,
             self.supports,
-            self.accelerometer_mass_g * 1e-3,
+            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
             accelerometer_dofs=loaded,
             element=self.element,
         )
@@ -902,14 +902,6 @@ class ImportedSpec(StructureBase):
         return tuple(dict.fromkeys([*self.ports, *beams, *(label.rpartition(":")[0] for label in used)]))
 
     @property
-    def directions(self) -> tuple[str, ...]:
-        """Those of its nodes and ports, as far as it has been read."""
-        if self._reduced is None:
-            return DIRECTIONS
-        there = {label.rpartition(":")[2] for label in self._reduced.dofs}
-        return tuple(way for way in DIRECTIONS if way in there)
-
-    @property
     def free_dofs(self) -> int:
         """More than anyone measures."""
         return 1_000_000
@@ -925,20 +917,14 @@ class ImportedSpec(StructureBase):
 
     def absent(self, label: str) -> Absence | None:
         """What to say of a DOF that does not exist; of a node that is not read yet nothing."""
-        point, _, direction = label.rpartition(":")
-        names = self.points_in_order
+        point, names = label.rpartition(":")[0], self.points_in_order
         if point not in names and not point.isdecimal():
             expected = f"one of {listed(names)}, or the number of a node" if names else "the number of a node"
-            return (
-                f'"{label}": there is no port {point}',
-                expected,
-                f"add [structure.ports.{point}], or correct the name",
-            )
-        if direction not in DIRECTIONS:
-            return f'"{label}": no direction {direction}', f"one of {', '.join(DIRECTIONS)}", "choose one of these"
-        if self._reduced is not None and label not in self._reduced.dofs:
-            ways = [dof for dof in self._reduced.dofs if dof.rpartition(":")[0] == point]
-            return f'"{label}": no such DOF in the model', f"one of {listed(ways or self._reduced.dofs)}", "correct it"
+            remedy = f"add [structure.ports.{point}], or correct the name"
+            return f'found "{label}": there is no port {point}', expected, remedy
+        if self._reduced is not None and label not in (every := self._reduced.dofs):
+            there = [dof for dof in every if dof.rpartition(":")[0] == point] or every
+            return f'found "{label}": no such DOF in the model', f"one of {listed(there)}", "correct it"
         return None
 
     def place(self, label: str) -> str:
@@ -951,15 +937,12 @@ class ImportedSpec(StructureBase):
         from dataclasses import replace
 
         assert self._reduced is not None
-        masses = {"accelerometer_mass": self.accelerometer_mass_g * 1e-3, "accelerometer_dofs": loaded}
-        if isinstance(self.damping, ModelDampingSpec):
-            return replace(self._reduced, **masses)  # type: ignore[arg-type]
-        return replace(self._reduced, damping=self.damping.built(), **masses)  # type: ignore[arg-type]
+        law = self._reduced.damping if isinstance(self.damping, ModelDampingSpec) else self.damping.built()
+        mass = self.accelerometer_mass_g * 1e-3
+        return replace(self._reduced, damping=law, accelerometer_mass=mass, accelerometer_dofs=loaded)
 
     def try_objects(self) -> None:
-        """The structure, once its files are read."""
-        if self._reduced is not None:
-            super().try_objects()
+        """Nothing: its files are not read yet."""
 
     def _findings(self) -> Iterator[Finding]:
         for name in self.parts.keys() & self.bodies.keys():

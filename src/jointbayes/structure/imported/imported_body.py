@@ -18,7 +18,7 @@ from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
 from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, ReducedModel, reduce_model
 from jointbayes.structure.matrices import Structure
 from jointbayes.structure.modes import Forced, Modes
-from jointbayes.structure.recipe import ElementKind, Recipe, UncertainBody
+from jointbayes.structure.recipe import Recipe, UncertainBody
 from jointbayes.structure.shape_modes import ModesOverShape, Powers, ends_of, modes_over_shape, rising, shape_numbers
 from vibrecords.arrays import Array, ComplexArray, convert_fields
 
@@ -133,11 +133,6 @@ class ImportedRecipe(Recipe):
     source: str = "structure"
     size: int = 0
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    accelerometer_mass: float = 0.0
-    added_mass: float = 0.0
-    accelerometer_dofs: tuple[str, ...] = ()
-    element: ElementKind = "converged"
-    richer: bool = False
     outline: Outline | None = None
 
     kind: ClassVar[str] = "imported structure"
@@ -369,7 +364,7 @@ def reduce_to_ports(
         model.source,
         model.n_dofs,
         {name: tuple(place.tolist()) for name, place in places.items() if place is not None},
-        accelerometer_mass,
+        accelerometer_mass=accelerometer_mass,
         accelerometer_dofs=tuple(accelerometer_dofs),
         outline=outline,
     )
