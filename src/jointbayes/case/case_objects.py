@@ -18,7 +18,7 @@ from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
-from jointbayes.case.spec.fields import DataTable, KeyPath
+from jointbayes.case.spec.fields import DataTable, KeyPath, metres
 from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_tables import (
@@ -29,7 +29,6 @@ from jointbayes.case.spec.structure_tables import (
     ModelDampingSpec,
     PortSpec,
     StructureBase,
-    metres,
 )
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, ModelError

@@ -49,7 +49,7 @@ class FreeModes(Protocol):
     An object that can be pickled, so that a calibration can send it to its workers.
     """
 
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
+    def __call__(self, factors: Array, /) -> tuple[Array, Array]:
         """Eigenvalues (n or 1, m), rad²/s², rising, and motions (n or 1, k, m) in modes of unit modal mass."""
 
 

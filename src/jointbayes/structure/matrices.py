@@ -1,7 +1,7 @@
 """A structure as matrices: stiffness, mass, damping law and DOF labels."""
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -110,15 +110,12 @@ class Structure(Body):
         """Where a DOF is, m; None where that is not known."""
         return self.positions.get(label.rpartition(":")[0])
 
-    def loaded(self, dofs: Iterable[str], mass: float) -> "Structure":
+    def loaded(self, dofs: Iterable[str], mass: float) -> Self:
         """The structure with a mass in kg at the point of each of these DOFs that is a translation."""
         points = {label.rpartition(":")[0] for label in dofs if ":r" not in label}
         moving = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
-        if not (moving and mass):
-            return self
-        total = self.mass.copy()
-        total[moving, moving] += mass
-        return replace(self, mass=total)
+        forms = self.on_all_dofs(np.array(moving, dtype=np.intp), np.eye(len(moving)))
+        return replace(self, mass=self.mass + mass * (forms @ forms.T)) if moving and mass else self
 
     def fixed(self, supports: Sequence[str]) -> "Structure":
         """Return the structure with the DOFs in `supports` held fixed (their rows and columns removed)."""
@@ -209,8 +206,9 @@ class Structure(Body):
     def rigid_motions(self, dofs: Rows) -> Array:
         """Motions of DOFs in the rigid-body modes, see `Body`."""
         modes = self.modes()
-        rigid = modes.shapes[dofs][:, modes.eigenvalues == 0.0]
-        return np.where(np.abs(rigid) > _AT_REST * np.abs(modes.shapes[dofs]).max(axis=1, keepdims=True), rigid, 0.0)
+        motions = self.on_all_dofs(dofs, np.eye(len(dofs))).T @ modes.shapes
+        rigid = motions[:, modes.eigenvalues == 0.0]
+        return np.where(np.abs(rigid) > _AT_REST * np.abs(motions).max(axis=1, keepdims=True), rigid, 0.0)
 
     def on_all_dofs(self, dofs: Rows, motions: Array) -> Array:
         """Motions given as forms on some DOFs, shape (p, k), as forms on all, shape (n, k)."""
@@ -307,3 +305,31 @@ class Structure(Body):
         rate[first:] = 2 * law.per_mode(self.n_dofs - first) * np.sqrt(np.maximum(modes.eigenvalues[first:], 0.0))
         weighted = self.mass @ modes.shapes
         return (weighted * rate) @ weighted.T
+
+
+StructureAt = Callable[[Sequence[float]], Structure]
+"""A structure at numbers, assembled anew."""
+
+
+class SolvedModes:
+    """Reduced modes over the shape numbers, one solution for each."""
+
+    def __init__(self, structure_at: StructureAt, reduction: Reduction) -> None:
+        self._structure_at, self._reduction = structure_at, reduction
+        self._size: int | None = None
+
+    def solve(self, numbers: Sequence[float]) -> tuple[Modes, Array]:
+        """Modes and mass matrix at shape numbers (axes,)."""
+        structure = self._structure_at(numbers)
+        reduced = self._reduction.reduce(structure.modes(), self._size)
+        self._size = reduced.eigenvalues.size  # as many at every other point
+        return reduced, structure.mass
+
+    def __call__(self, numbers: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes), one solution for each row.
+
+        One for all where there are no axes.
+        """
+        solved = [self.solve(row.tolist())[0] for row in (numbers if numbers.shape[1] else numbers[:1])]
+        motions = self._reduction.motions.T
+        return np.stack([s.eigenvalues for s in solved]), np.stack([motions @ s.shapes for s in solved])

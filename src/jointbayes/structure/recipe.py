@@ -4,7 +4,7 @@ And the bodies that come of them: beams, frames and given matrices that differ b
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -14,8 +14,8 @@ import numpy as np
 from jointbayes.errors import ModelError
 from jointbayes.structure.body import Body, FreeModes, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
-from jointbayes.structure.matrices import Structure
-from jointbayes.structure.modes import Forced
+from jointbayes.structure.matrices import SolvedModes, Structure
+from jointbayes.structure.modes import Forced, Reduction
 from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import printable
 
@@ -308,7 +308,7 @@ class UncertainBody(Body):
         recipe = replace(self.recipe, damping=self.recipe.damping.scaled(certain))  # type: ignore[call-arg]  # a field of each
         return replace(self, recipe=recipe, ranges=ranges)
 
-    def structure(self, factors: Array) -> Structure:
+    def structure(self, factors: Sequence[float] | Array) -> Structure:
         """Structure at factors (q,), assembled anew."""
         values = np.asarray(factors, dtype=float)
         named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
@@ -322,7 +322,7 @@ class UncertainBody(Body):
         """Interpolated modes; where modes cross or meet, so that they cannot be, one solution for each row."""
         forms = self.nominal.on_all_dofs(dofs, motions)
         if self.exact:
-            return _ModesSolvedAnew(self, forms)
+            return SolvedModes(self.structure, Reduction(self.n_dofs, forms))
         if forms.shape[1] > _KEPT_MOTIONS or not is_hashable(self._made_from):
             return self.over_factors(forms, forced)
         return _kept(self._made_from, forms.shape, forms.tobytes(), None if forced is None else tuple(forced.tolist()))
@@ -377,16 +377,3 @@ def _kept(
     family: UncertainBody = _one_of(made_from)
     forms = np.frombuffer(motions).reshape(shape)
     return family.over_factors(forms, None if forced is None else np.array(forced, dtype=bool))
-
-
-class _ModesSolvedAnew:
-    """Motions in all free modes, the structure assembled and solved anew for each row of factors."""
-
-    def __init__(self, family: UncertainBody, motions: Array) -> None:
-        self._family, self._motions = family, motions
-
-    def __call__(self, factors: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
-        rows = factors if factors.shape[1] else np.empty((1, 0))
-        solved = [self._family.structure(row).modes() for row in rows]
-        return np.stack([s.eigenvalues for s in solved]), np.stack([self._motions.T @ s.shapes for s in solved])

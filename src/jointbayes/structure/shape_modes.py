@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from scipy import optimize
 
-from jointbayes.structure.matrices import Structure
+from jointbayes.structure.matrices import SolvedModes, StructureAt
 from jointbayes.structure.modes import Forced, Modes, Reduction
 from vibrecords.arrays import Array, Flags, Indices
 
@@ -187,33 +187,11 @@ def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
 
 #: Powers in which quantities change a shape number.
 Powers = Mapping[str, float]
-StructureAt = Callable[[Sequence[float]], Structure]
 
 #: Of more modes than these no table is accurate enough: rounding in the highest is all that is left.
 _MOST_TABULATED = 60
 #: Where no table is accurate enough for the modes that are wanted, those up to so many times the frequency are tried.
 _FURTHER = 2.5
-
-
-class SolvedModes:
-    """Reduced modes over the shape numbers, one solution for each."""
-
-    def __init__(self, structure_at: StructureAt, reduction: Reduction) -> None:
-        self._structure_at, self._reduction = structure_at, reduction
-        self._size: int | None = None
-
-    def solve(self, numbers: Sequence[float]) -> tuple[Modes, Array]:
-        """Modes and mass matrix at shape numbers (axes,)."""
-        structure = self._structure_at(numbers)
-        reduced = self._reduction.reduce(structure.modes(), self._size)
-        self._size = reduced.eigenvalues.size  # as many at every other point
-        return reduced, structure.mass
-
-    def __call__(self, numbers: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n, m) and motions (n, k, m) at shape numbers (n, axes), one solution for each row."""
-        solved = [self.solve(row.tolist())[0] for row in numbers]
-        motions = self._reduction.motions.T
-        return np.stack([s.eigenvalues for s in solved]), np.stack([motions @ s.shapes for s in solved])
 
 
 ModesOverShape = ModeTable | SolvedModes

@@ -521,6 +521,12 @@ class DataTable(Spec):
         return "frequencies_hz"
 
 
+def metres(millimetres: Iterable[float]) -> tuple[float, float, float]:
+    """A vector in m from one in mm."""
+    x, y, z = (number * 1e-3 for number in millimetres)
+    return x, y, z
+
+
 def band_lines(low: float, high: float, step: float) -> tuple[float, ...]:
     """Lines of a band in Hz; the last one is at its upper end or less than a step below."""
     # the allowance keeps the upper end itself where the division falls just short of a whole number

@@ -17,10 +17,10 @@ from jointbayes.case.spec.fields import (
     ascii_unit,
     either,
     key_field,
+    metres,
     not_negative,
     positive,
 )
-from jointbayes.case.spec.structure_tables import metres
 from jointbayes.joint import (
     COORDINATES,
     COUPLED,

@@ -37,6 +37,7 @@ from jointbayes.case.spec.fields import (
     key_field,
     listed,
     max_length,
+    metres,
     not_negative,
     positive,
 )
@@ -314,12 +315,6 @@ def force_stated(forces: Iterable[float]) -> dict[str, tuple[str, float]]:
     low, high = min(each), max(each)
     one = ("N" if low > 0 else "N of compression", abs(low))
     return {"axial_force": one if low == high else ("× stated", 1.0)}
-
-
-def metres(millimetres: Iterable[float]) -> tuple[float, float, float]:
-    """A vector in m from one in mm."""
-    x, y, z = (number * 1e-3 for number in millimetres)
-    return x, y, z
 
 
 _BETWEEN_NODES = Field(

@@ -49,13 +49,6 @@ class ReducedStructure(Structure):
         """Number of coordinates, or of labelled DOFs where these are more: many that move alike."""
         return max(len(self.mass), len(self.dofs))
 
-    def loaded(self, dofs: Iterable[str], mass: float) -> "ReducedStructure":
-        """The structure with a mass in kg at the point of each of these DOFs that is a translation."""
-        points = {label.rpartition(":")[0] for label in dofs if ":r" not in label}
-        moving = [i for i, d in enumerate(self.dofs) if d.rpartition(":")[0] in points and ":r" not in d]
-        forms = self.motions[:, moving]
-        return replace(self, mass=self.mass + mass * (forms @ forms.T)) if moving and mass else self
-
     def on_all_dofs(self, dofs: Rows, motions: Array) -> Array:
         """Motions given as forms on some DOFs, shape (p, k), as forms on the coordinates, shape (r, k)."""
         return np.asarray(self.motions[:, dofs] @ motions)
@@ -80,12 +73,6 @@ class ReducedStructure(Structure):
         """Shift low among the eigenvalues, rad²/s², see `Structure.shift`: the first that is not zero."""
         eigenvalues = self.modes().eigenvalues
         return float(eigenvalues[self.rigid]) if eigenvalues.size > self.rigid else 1.0
-
-    def rigid_motions(self, dofs: Rows) -> Array:
-        """Motions of DOFs in the rigid-body modes, see `Body`."""
-        motions = self.motions[:, dofs].T @ self.modes().shapes
-        moved = motions[:, : self.rigid]
-        return np.where(np.abs(moved) > 1e-8 * np.abs(motions).max(axis=1, keepdims=True), moved, 0.0)
 
     def dampers(self) -> tuple[Array, Rows, Array]:
         """None that could be told from the matrix C of a reduction: it is solved line by line."""

@@ -23,7 +23,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from jointbayes.joint import Parametrisation
 from jointbayes.sampling import LogDensity, Proposal, SamplerSettings, StudentT, fit_proposal, run_ensembles
 from jointbayes.sampling.density import newton_climb
-from jointbayes.sampling.distributions import resampled
+from jointbayes.sampling.distributions import WeightedDraws, resampled
 from vibrecords.arrays import Array
 
 #: Effective draws below which a joint's reweighted draws are not to be trusted: its median is then uncertain by more
@@ -433,12 +433,10 @@ def _gaussian_joints(draws: JointDraws, prior: PopulationPrior, least: Array) ->
 
 def _importance(log_density: LogDensity, proposal: Proposal, rng: np.random.Generator) -> tuple[Array, float]:
     """Equally weighted draws by their importance weights, and how many independent ones they are worth."""
-    theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
-    if not len(theta):
-        return theta, 0.0
-    weight = np.exp(log_weight - log_weight.max())
-    weight /= weight.sum()
-    return theta[rng.permutation(resampled(weight, _DRAWS, rng))], float(1 / (weight**2).sum())
+    drawn = WeightedDraws(*proposal.weighted_draws(log_density, rng, _DRAWS))
+    if not len(drawn.theta):
+        return drawn.theta, 0.0
+    return drawn.theta[rng.permutation(resampled(drawn.weight, _DRAWS, rng))], drawn.effective
 
 
 @dataclass(frozen=True, slots=True, eq=False)
