@@ -112,7 +112,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         _signals(data) if data.records else None,
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
-        layout=data.layout.names if data.layout else {},
+        layout=data.layout.model_dump(exclude_none=True) if data.layout else {},
     )
 
 

@@ -183,9 +183,10 @@ def _band(spec: CaseSpec, structure: BeamSpec, band_hz: tuple[float, float]) -> 
 
 
 def _end_of_band(spec: CaseSpec, value: float, key: str) -> tuple[tuple[str, ...], float]:
-    """Key that states an end of the band, and its value."""
-    stated = getattr(spec.data, key, None)
-    return (("data", spec.data.band_key), value) if stated is None else (("data", key), stated)
+    """Key that states an end of the band, or all of it, and its value."""
+    keys = (key, "f_step_hz", "frequencies_hz", "eigenvalues", "file")
+    stated = next(each for each in keys if getattr(spec.data, each, None) is not None)
+    return ("data", stated), getattr(spec.data, key) if stated == key else value
 
 
 def _speed(modulus_gpa: float, density: float) -> float:

@@ -294,11 +294,6 @@ class FrameBody:
         return (*self.points, *counted)
 
     @property
-    def preloaded(self) -> bool:
-        """Whether a member has an axial force."""
-        return any(member.axial_force for member in self.members)
-
-    @property
     def straight(self) -> bool:
         """Whether all its members lie on one line and nothing sticks out, so that its length is one number."""
         beside = (any(map(any, member.offsets)) for member in self.members)

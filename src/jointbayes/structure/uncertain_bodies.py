@@ -239,7 +239,8 @@ class _Body:
         loaded = self._recipe.accelerometer_mass > 0 and bool(self._recipe.loaded_points(self.number))
         sensors = loaded and self._uncertain("accelerometer_mass")
         heavy = any(mass.mass > 0 or any(mass.inertia) for mass in body.masses) or (loaded and not sensors)
-        absent = {"masses": not heavy, "accelerometer_mass": not sensors, "axial_force": not body.preloaded}
+        loose = not any(member.axial_force for member in body.members)
+        absent = {"masses": not heavy, "accelerometer_mass": not sensors, "axial_force": loose}
         of_uncertain = {
             axis: {q: power for q, power in powers.items() if self._uncertain(q)}
             for axis, powers in _POWERS.items()

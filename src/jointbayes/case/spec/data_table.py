@@ -6,7 +6,6 @@ of a file stand for, and modes. A body that is given by its FRFs, `[bodies.NAME]
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections import Counter
@@ -94,11 +93,6 @@ class LayoutSpec(Spec):
     damping_ratios: Annotated[_Name | None, _variable("the damping ratios of modes", "zeta")] = None
     mode_shapes: Annotated[_Name | None, _variable("the shapes of modes, channels × modes", "V")] = None
 
-    @property
-    def names(self) -> Mapping[str, str]:
-        """What is given, by key."""
-        return {key: name for key, name in self.model_dump().items() if name is not None}
-
 
 SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
 
@@ -139,18 +133,14 @@ class ChannelSpec(Spec):
         """The DOF without its sign."""
         return self.dof.removeprefix("-")
 
-    @property
-    def sign(self) -> float:
-        """−1 where the channel points the other way."""
-        return -1.0 if self.dof.startswith("-") else 1.0
-
     def built(self) -> Channel:
         """The channel."""
         from vibrecords.formats.channel_units import ChannelUnit
         from vibrecords.measurement_plan import Channel
 
         unit = ChannelUnit(self.unit, self.quantity, self.sensitivity)
-        return Channel(self.label, self.sign, self.gain, self.accelerometer_mass_g * 1e-3, unit)
+        sign = -1.0 if self.dof.startswith("-") else 1.0
+        return Channel(self.label, sign, self.gain, self.accelerometer_mass_g * 1e-3, unit)
 
 
 _STATIONS = key_field("two or three translations in order along the structure", ["1:y", "2:y", "3:y"])
@@ -291,19 +281,6 @@ class MeasuredSpec(DataTable):
         """DOFs of the channels."""
         return {("data", "channels", name): (channel.label,) for name, channel in self.channels.items()}
 
-    @property
-    def band_key(self) -> str:
-        """The files."""
-        return "file"
-
-    def asked_for(self, structure: StructureBase) -> dict[str, Any]:
-        """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`."""
-        return {}
-
-    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
-        """Yield what the structure lacks for it."""
-        yield from ()
-
     def try_objects(self) -> None:
         """Its rotations, which know no distance of their stations yet."""
         for label, rotation in getattr(self, "rotations", {}).items():
@@ -339,7 +316,10 @@ class MeasuredFrfSpec(MeasuredSpec):
     ] = {}  # noqa: RUF012 (frozen model)
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
-        """Outputs, inputs and rotations, whose stations are points of a straight beam."""
+        """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`.
+
+        Stations of rotations are points of a straight beam.
+        """
         rotations = []
         for label, rotation in self.rotations.items():
             first, second, *_ = (int(station.split(":")[0]) for station in rotation.stations)
@@ -349,23 +329,6 @@ class MeasuredFrfSpec(MeasuredSpec):
                 spacing = math.copysign(rotation.spacing_mm, spacing)
             rotations.append(rotation.rotation(label, spacing))
         return {"outputs": self.outputs, "inputs": self.inputs, "rotations": tuple(rotations)}
-
-    def structure_findings(self, structure: StructureBase) -> Iterator[Finding]:
-        """Yield rotations of a structure without evenly spaced points, or from other points than these."""
-        if self.rotations and structure.spans is None:
-            fault = f'found rotations in a structure of kind = "{structure.kind}"'
-            yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
-            return
-        for label, rotation in self.rotations.items():
-            loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
-            nodes = [int(station.split(":")[0]) for station in rotation.stations]
-            steps = {b - a for a, b in itertools.pairwise(nodes)}
-            if len(steps) != 1 or 0 in steps or max(nodes) > last:
-                fault = f"found nodes {', '.join(map(str, nodes))}"
-                expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
-                yield Finding((*loc, "stations"), fault, expected, "correct the stations")
-            if (words := structure.absent(label)) is not None:
-                yield Finding(loc, *words)
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
@@ -597,15 +560,10 @@ class ModesSpec(DataTable):
         return self.frequencies_hz or ()
 
     @property
-    def count(self) -> int:
-        """Number of measured modes."""
-        return len(self.frequencies[0])
-
-    @property
     def least_modes(self) -> Mapping[KeyPath, int]:
         """Number of the highest mode; an antiresonance lies between the mode of its number and the next."""
         key = "numbers" if self.numbers else "frequencies_hz"
-        highest: dict[KeyPath, int] = {("data", key): max(self.numbers or (self.count,))}
+        highest: dict[KeyPath, int] = {("data", key): max(self.numbers or (len(self.frequencies[0]),))}
         return highest if self.zeros is None else highest | {("data", "zeros", "dof"): 1 + self.zeros.highest}
 
     @property
@@ -769,11 +727,6 @@ class SyntheticFrfSpec(DataTable):
         lines = self.lines_hz()
         return lines[0], lines[-1]
 
-    @property
-    def band_key(self) -> str:
-        """The step, which is the first line where no f_min_hz is stated, or the list of lines."""
-        return "frequencies_hz" if self.f_step_hz is None else "f_step_hz"
-
     def lines_hz(self) -> tuple[float, ...]:
         """Return the frequency lines in Hz; the last one is at ``f_max_hz`` or less than a step below."""
         if self.f_max_hz is None or self.f_step_hz is None:
@@ -850,9 +803,9 @@ def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
     return data if isinstance(data, SyntheticFrfSpec) else None
 
 
-def files_table(data: DataTable) -> MeasuredSpec | None:
+def files_table(data: DataTable) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
     """The table of data that are in measurement files."""
-    return data if isinstance(data, MeasuredSpec) else None
+    return data if isinstance(data, MeasuredFrfSpec | MeasuredFrequenciesSpec) else None
 
 
 DataSpec = Annotated[

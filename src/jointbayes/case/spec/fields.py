@@ -515,11 +515,6 @@ class DataTable(Spec):
         """Lowest and highest frequency that is stated, Hz; None where the data are in files."""
         return None
 
-    @property
-    def band_key(self) -> str:
-        """Key that states the band where no key of its own states an end."""
-        return "frequencies_hz"
-
 
 def metres(millimetres: Iterable[float]) -> tuple[float, float, float]:
     """A vector in m from one in mm."""

@@ -9,6 +9,7 @@ be possible with what another one says.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +19,8 @@ from pydantic import BeforeValidator, Field, Strict
 from jointbayes.case.spec.data_table import (
     DataSpec,
     MeasuredBodySpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
     MeasuredSpec,
     SyntheticFrfSpec,
     files_table,
@@ -111,7 +114,7 @@ def _immovable_dofs(
 
 
 def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[Finding]:
-    """Yield masses that are counted twice, or that cannot be where they are stated."""
+    """Yield masses that are counted twice or at a rotation, and rotations of a structure without such points."""
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)
         if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
@@ -127,7 +130,21 @@ def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[
         yield Finding(
             ("data", "accelerometers"), fault, expected, "move the mass to accelerometer_mass_g of the channels"
         )
-    yield from data.structure_findings(structure)
+    rotations = getattr(data, "rotations", {})
+    if rotations and structure.spans is None:
+        fault = f'found rotations in a structure of kind = "{structure.kind}"'
+        yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
+        return
+    for label, rotation in rotations.items():
+        loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
+        nodes = [int(station.split(":")[0]) for station in rotation.stations]
+        steps = {b - a for a, b in itertools.pairwise(nodes)}
+        if len(steps) != 1 or 0 in steps or max(nodes) > last:
+            fault = f"found nodes {', '.join(map(str, nodes))}"
+            expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
+            yield Finding((*loc, "stations"), fault, expected, "correct the stations")
+        if (words := structure.absent(label)) is not None:
+            yield Finding(loc, *words)
 
 
 def assembly_findings(levels: Mapping[str, float | None], joints: Mapping[str, JointSpec]) -> Iterator[Finding]:
@@ -494,7 +511,7 @@ class CaseSpec(Spec):
         return synthetic_table(self.data)
 
     @property
-    def files(self) -> MeasuredSpec | None:
+    def files(self) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
         return files_table(self.data)
 
