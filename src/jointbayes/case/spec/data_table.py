@@ -30,6 +30,7 @@ from jointbayes.case.spec.fields import (
     KeyPath,
     Label,
     Labels,
+    ListOf,
     Positive,
     Ratios,
     Spec,
@@ -169,9 +170,7 @@ class RotationSpec(Spec):
 
 
 _SOURCE = key_field('where the variance comes from, "coherence", "repeats" or "relative"', "coherence")
-_MEASURED_AVERAGES = Field(
-    ge=1, le=10**6, description="the number of averages, a whole number from 1 to 1000000", examples=[10]
-)
+_MEASURED_AVERAGES = key_field("the number of averages, a whole number from 1 to 1000000", 10, ge=1, le=10**6)
 
 
 class VarianceSpec(Spec):
@@ -233,10 +232,8 @@ class RecordsSpec(Spec):
 _RECORDS = Field(description="how FRFs are made from time histories: method")
 _LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
-_MAP = Field(
-    min_length=1,
-    description='a DOF for each channel that is used, as "Point:11:Y+" = "11:y"',
-    examples=[{"Point:11:Y+": "11:y"}],
+_MAP = key_field(
+    'a DOF for each channel that is used, as "Point:11:Y+" = "11:y"', {"Point:11:Y+": "11:y"}, min_length=1
 )
 _MEASURED_QUANTITY = key_field(
     'what the FRFs are, "receptance", "mobility" or "accelerance", where the file does not say or is wrong',
@@ -256,18 +253,11 @@ _Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
 class MeasuredSpec(DataTable):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
-    file: Annotated[
-        tuple[_FileName, ...],
-        Strict(False),
-        Field(min_length=1),
-        BeforeValidator(to_list),
-        max_length(MOST_FILES),
-        _FILE,
-    ]
+    file: Annotated[ListOf[_FileName], Field(min_length=1), BeforeValidator(to_list), max_length(MOST_FILES), _FILE]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _MEASURED_QUANTITY] = None
     f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
     f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
-    exclude_hz: Annotated[tuple[Annotated[_Band, Strict(False)], ...], Strict(False), max_length(1000), _EXCLUDED] = ()
+    exclude_hz: Annotated[ListOf[Annotated[_Band, Strict(False)]], max_length(1000), _EXCLUDED] = ()
     conjugate: Annotated[bool, _CONJUGATE] = False
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
@@ -403,30 +393,22 @@ def _repeated(depth: int) -> BeforeValidator:
 
 
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
-_Row = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
+_Row = Annotated[ListOf[_Number], Field(min_length=1), max_length(_MOST_MODES)]
 _Rows = Annotated[
-    tuple[_Row, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(2),
+    ListOf[_Row], Field(min_length=1), AfterValidator(even), _repeated(2),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
-_Shape = Annotated[tuple[_Number, ...], Strict(False), Field(min_length=1), max_length(MOST_LABELS)]
-_Shapes = Annotated[tuple[_Shape, ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)]
+_Shape = Annotated[ListOf[_Number], Field(min_length=1), max_length(MOST_LABELS)]
+_Shapes = Annotated[ListOf[_Shape], Field(min_length=1), max_length(_MOST_MODES)]
 _AllShapes = Annotated[
-    tuple[_Shapes, ...], Strict(False), Field(min_length=1), AfterValidator(even), _repeated(3),
+    ListOf[_Shapes], Field(min_length=1), AfterValidator(even), _repeated(3),
     max_length(_MOST_REPETITIONS),
 ]  # fmt: skip
-_EachLabel = Annotated[
-    tuple[Label, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
-]
+_EachLabel = Annotated[ListOf[Label], Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)]
 _EachMode = Annotated[
-    tuple[Annotated[float, Field(ge=0)], ...],
-    Strict(False),
-    Field(min_length=1),
-    BeforeValidator(to_list),
-    max_length(_MOST_MODES),
+    ListOf[Annotated[float, Field(ge=0)]], Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
 ]
-_Numbers = Annotated[
-    tuple[Annotated[int, Field(ge=1, le=_MOST_MODES)], ...], Strict(False), Field(min_length=1), max_length(_MOST_MODES)
-]
+_Numbers = Annotated[ListOf[Annotated[int, Field(ge=1, le=_MOST_MODES)]], Field(min_length=1), max_length(_MOST_MODES)]
 
 _EACH = "a number of at least 0, or a list of such numbers, one for each mode"
 _EACH_ZERO = _EACH.replace("mode", "antiresonance")

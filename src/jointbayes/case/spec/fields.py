@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
 import pydantic
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
@@ -264,9 +264,9 @@ def numbers_in(value: object, place: KeyPath = ()) -> Iterator[tuple[KeyPath, fl
         yield from numbers_in(entry, (*place, key))
 
 
-def key_field(description: str, example: object) -> object:
+def key_field(description: str, example: object, **limits: Any) -> object:  # noqa: ANN401 (as pydantic's)
     """Field with what is expected of it, and an example."""
-    return Field(description=description, examples=[example])
+    return Field(description=description, examples=[example], **limits)
 
 
 def either(words: Iterable[str]) -> str:
@@ -392,16 +392,17 @@ def _word(most: int) -> AfterValidator:
 Name = Annotated[str, _word(40)]
 #: The name of a body, of a part or of a port.
 Word = Annotated[str, _word(60)]
+T = TypeVar("T")
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
+ListOf = Annotated[tuple[T, ...], Strict(False)]
+Vector = Annotated[tuple[float, float, float], Strict(False)]
 Label = Annotated[str, AfterValidator(_label)]
-Labels = Annotated[tuple[Label, ...], Strict(False), AfterValidator(distinct), max_length(MOST_LABELS)]
+Labels = Annotated[ListOf[Label], AfterValidator(distinct), max_length(MOST_LABELS)]
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(gt=0, le=1)]
-Frequencies = Annotated[tuple[Positive, ...], Strict(False), AfterValidator(_increasing)]
+Frequencies = Annotated[ListOf[Positive], AfterValidator(_increasing)]
 Ratio = Annotated[float, Field(ge=0, lt=1)]
-Ratios = Annotated[
-    tuple[Ratio, ...], Strict(False), Field(min_length=1), BeforeValidator(to_list), max_length(MOST_RATIOS)
-]
+Ratios = Annotated[ListOf[Ratio], Field(min_length=1), BeforeValidator(to_list), max_length(MOST_RATIOS)]
 
 
 class Spec(BaseModel):

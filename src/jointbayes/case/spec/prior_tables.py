@@ -12,8 +12,10 @@ from jointbayes.case.spec.fields import (
     OWN,
     Finding,
     Labels,
+    ListOf,
     Positive,
     Spec,
+    Vector,
     ascii_unit,
     either,
     key_field,
@@ -245,12 +247,8 @@ else:
     )
 
 
-_SD_PERCENT = Field(
-    description="the standard deviation in percent of the value, a number greater than 0", examples=[2.0]
-)
-_LOW_FACTOR = Field(
-    gt=0, le=1, description="the lowest factor on the value, a number above 0 and at most 1", examples=[0.1]
-)
+_SD_PERCENT = key_field("the standard deviation in percent of the value, a number greater than 0", 2.0)
+_LOW_FACTOR = key_field("the lowest factor on the value, a number above 0 and at most 1", 0.1, gt=0, le=1)
 _SD_MM = Field(description="the standard deviation in mm, a number greater than 0", examples=[0.1])
 _LOW_MM = Field(le=0, description="the lowest offset in mm, a number of at most 0", examples=[-5.0])
 _HIGH_MM = Field(ge=0, description="the highest offset in mm, a number of at least 0", examples=[5.0])
@@ -404,7 +402,7 @@ class UncertainSpec(Spec):
     gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
     model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
-    exact: Annotated[tuple[_Usual, ...], Strict(False), _EXACT] = ()
+    exact: Annotated[ListOf[_Usual], _EXACT] = ()
 
     def _findings(self) -> Iterator[Finding]:
         stated = {**dict.fromkeys(self.given, "prior"), **({"model_error": "errors"} if self.model_error else {})}
@@ -460,10 +458,9 @@ else:
     ParametrisationName = Literal[tuple(COORDINATES)]
     KindName = Literal[KINDS]
 
-_Names = Annotated[tuple[str, ...], Strict(False)]
+_Names = ListOf[str]
 _VISCOUS = key_field("a list of springs of the joint that have a dashpot beside them", ["k11", "k22"])
 _LOSS = key_field('a list of springs of the joint that have a loss factor, or ["all"]', ["all"])
-_Vector = Annotated[tuple[float, float, float], Strict(False)]
 _Share = Annotated[float, Field(ge=-1, le=1)]
 _Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
 
@@ -489,8 +486,8 @@ class JointSpec(Spec):
     dofs: Annotated[Labels, Field(min_length=1, max_length=len(DIRECTIONS)), _DOFS]
     against: Annotated[Labels, _AGAINST] = ()
     axes: Annotated[Annotated[tuple[_Unit, _Unit, _Unit], Strict(False)] | None, _OWN_AXES] = None
-    offset_mm: Annotated[_Vector | None, _OFFSET] = None
-    offset_against_mm: Annotated[_Vector | None, _OFFSET_AGAINST] = None
+    offset_mm: Annotated[Vector | None, _OFFSET] = None
+    offset_against_mm: Annotated[Vector | None, _OFFSET_AGAINST] = None
     parametrisation: Annotated[ParametrisationName, _PARAMETRISATION] = _LOG
     viscous: Annotated[_Names, _VISCOUS] = ()
     loss_factors: Annotated[_Names, _LOSS] = ()

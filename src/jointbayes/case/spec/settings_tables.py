@@ -23,6 +23,7 @@ from jointbayes.case.spec.fields import (
     Fraction,
     Frequencies,
     Labels,
+    ListOf,
     Name,
     Positive,
     Spec,
@@ -109,7 +110,7 @@ else:
 _HYPOTHESES = key_field(
     "a list of at least one of " + ", ".join(f'"{name}"' for name in HYPOTHESES), ["rigid", "springs", "full"]
 )
-_Hypotheses = Annotated[tuple[Hypothesis, ...], Strict(False), Field(min_length=1), AfterValidator(distinct)]
+_Hypotheses = Annotated[ListOf[Hypothesis], Field(min_length=1), AfterValidator(distinct)]
 
 
 class CompareSpec(Spec):
@@ -119,16 +120,8 @@ class CompareSpec(Spec):
 
 
 _LEVEL = key_field("the level of the test in the unit of [level], a number", 2.0)
-_LEVEL_NAME = Field(
-    min_length=1,
-    max_length=60,
-    pattern=r"^[^\r\n]+$",
-    description="what the level is, a short text",
-    examples=["torque"],
-)
-_LEVEL_UNIT = Field(
-    max_length=20, pattern=r"^[^\r\n]*$", description="the unit of the level, a short text", examples=["N m"]
-)
+_LEVEL_NAME = key_field("what the level is, a short text", "torque", min_length=1, max_length=60, pattern=r"^[^\r\n]+$")
+_LEVEL_UNIT = key_field("the unit of the level, a short text", "N m", max_length=20, pattern=r"^[^\r\n]*$")
 _REMOVE = key_field("a list of keys or tables of the rest of the file that this test does not take", ["prior.k12"])
 
 
@@ -142,7 +135,7 @@ _Table = dict[str, Any] | None
 class PlannedTestSpec(Spec):
     """A test that could be made: what is different from the rest of the file, whose tables these are."""
 
-    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    remove: Annotated[ListOf[str], _REMOVE] = ()
     joined: Annotated[bool, JOINED] = True
     structure: Annotated[_Table, _changes("the structure")] = None
     joint: Annotated[_Table, _changes("the joint")] = None
@@ -170,11 +163,9 @@ _Band = Annotated[tuple[float, Positive], Strict(False)]
 class LeftOutSpec(Spec):
     """What of the data does not enter the estimate and is predicted by it."""
 
-    modes: Annotated[
-        tuple[Annotated[int, Field(ge=1, le=1000)], ...], Strict(False), max_length(1000), _LEFT_MODES
-    ] = ()
-    bands_hz: Annotated[tuple[_Band, ...], Strict(False), max_length(1000), _LEFT_BANDS] = ()
-    tests: Annotated[tuple[Name, ...], Strict(False), _LEFT_TESTS] = ()
+    modes: Annotated[ListOf[Annotated[int, Field(ge=1, le=1000)]], max_length(1000), _LEFT_MODES] = ()
+    bands_hz: Annotated[ListOf[_Band], max_length(1000), _LEFT_BANDS] = ()
+    tests: Annotated[ListOf[Name], _LEFT_TESTS] = ()
 
 
 class LevelSpec(Spec):
@@ -202,12 +193,12 @@ _F_MAX = Field(description="the highest frequency of a wider band in Hz, a numbe
 _ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
 
 
-_TOGETHER = Field(
+_TOGETHER = key_field(
+    "a list of sets of candidates to rank beside single ones, each a list of their names",
+    [["6:y", "short"]],
     max_length=8,
-    description="a list of sets of candidates to rank beside single ones, each a list of their names",
-    examples=[[["6:y", "short"]]],
 )
-_Set = Annotated[tuple[str, ...], Strict(False), Field(min_length=2, max_length=8, description="a list of names")]
+_Set = Annotated[ListOf[str], Field(min_length=2, max_length=8, description="a list of names")]
 
 
 class PlanSpec(Spec):
@@ -221,7 +212,7 @@ class PlanSpec(Spec):
         dict[Name, PlannedTestSpec],
         Field(description="tests that could be made, a table for each by its name, as [plan.tests.short.structure]"),
     ] = {}  # noqa: RUF012 (pydantic copies it)
-    together: Annotated[tuple[_Set, ...], Strict(False), _TOGETHER] = ()
+    together: Annotated[ListOf[_Set], _TOGETHER] = ()
     averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0
     f_max_hz: Annotated[Positive | None, _F_MAX] = None
     added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
@@ -260,9 +251,7 @@ _NAMES = " or ".join(f'"{name}"' for name in get_args(Distribution))
 _DISTRIBUTION = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian")
 _SCALE = key_field('the factor on the stated noise, "known" (1), "sampled" or "integrated"', "known")
 _DOF = Field(gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0])
-_SCALE_LOW = Field(
-    gt=0, le=1, description="the smallest factor on the noise, a number above 0 and at most 1", examples=[0.1]
-)
+_SCALE_LOW = key_field("the smallest factor on the noise, a number above 0 and at most 1", 0.1, gt=0, le=1)
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
 
 
@@ -301,9 +290,7 @@ class NoiseModelSpec(Spec):
 _METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")
 _WRITES = key_field('what the file holds, "frf" or "time"', "frf")
 _HITS = Field(ge=1, le=10_000, description="the number of averages, a whole number from 1 to 10000", examples=[10])
-_OVERLAP = Field(
-    ge=0, lt=1, description="the overlap of the blocks, a number of at least 0 and below 1", examples=[0.5]
-)
+_OVERLAP = key_field("the overlap of the blocks, a number of at least 0 and below 1", 0.5, ge=0, lt=1)
 _FORCE_NOISE = not_negative("the noise of the force channel as a fraction of a typical peak", 0.001)
 _RESPONSE_NOISE = not_negative("the noise of the response channels as a fraction of a typical peak", 0.001)
 _END = key_field("the exponential window at the end of a block, above 0 and at most 1", 0.05)

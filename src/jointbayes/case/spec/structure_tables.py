@@ -27,9 +27,11 @@ from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
     Labels,
+    ListOf,
     Positive,
     Ratios,
     Spec,
+    Vector,
     Word,
     count_field,
     distinct,
@@ -317,9 +319,9 @@ def force_stated(forces: Iterable[float]) -> dict[str, tuple[str, float]]:
     return {"axial_force": one if low == high else ("× stated", 1.0)}
 
 
-_BETWEEN_NODES = Field(
-    description="further points between the nodes: name and distance from node 1 in mm, above 0, as { tip = 250.0 }",
-    examples=[{"tip": 250.0}],
+_BETWEEN_NODES = key_field(
+    "further points between the nodes: name and distance from node 1 in mm, above 0, as { tip = 250.0 }",
+    {"tip": 250.0},
     max_length=100,
 )
 _SHEAR = key_field('the shear coefficient, "cowper" or a number above 0 and at most 1', "cowper")
@@ -417,13 +419,11 @@ class DampersSpec(DampingSpec):
     """Dampers between the masses of a chain."""
 
     law: Annotated[Literal["dampers"], LAW]
-    dampers: Annotated[
-        tuple[DamperSpec, ...], Strict(False), max_length(_MOST), Field(min_length=1, description="a list of dampers")
-    ]
+    dampers: Annotated[ListOf[DamperSpec], max_length(_MOST), Field(min_length=1, description="a list of dampers")]
 
 
-_Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False), max_length(_MOST)]
-_Diagonal = Annotated[tuple[float, ...], Strict(False), max_length(_MOST)]
+_Rows = Annotated[ListOf[ListOf[float]], max_length(_MOST)]
+_Diagonal = Annotated[ListOf[float], max_length(_MOST)]
 Matrix = Annotated[str | _Diagonal | _Rows, AfterValidator(even)]
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
 
@@ -481,9 +481,7 @@ class ChainSpec(_RowsSpec):
     masses_kg: Annotated[
         dict[str, Positive], Field(description="the masses in kg, each by its name or number", min_length=1)
     ]
-    springs: Annotated[
-        tuple[SpringSpec, ...], Strict(False), max_length(_MOST), Field(description="a list of springs")
-    ] = ()
+    springs: Annotated[ListOf[SpringSpec], max_length(_MOST), Field(description="a list of springs")] = ()
     direction: Annotated[Direction, key_field("the direction of the DOFs", "x")] = "x"
     damping: Annotated[LAWS | DampersSpec, DAMPING]
 
@@ -532,8 +530,7 @@ class MatricesSpec(_RowsSpec):
     stiffness: Annotated[Matrix, key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")]
     mass: Annotated[Matrix, key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")]
     points: Annotated[
-        dict[str, Annotated[tuple[float, float, float], Strict(False)]],
-        Field(description="the places of points in mm by their names, where they are known"),
+        dict[str, Vector], Field(description="the places of points in mm by their names, where they are known")
     ] = {}  # noqa: RUF012 (pydantic copies it)
     damping: Annotated[LAWS | MatrixDampingSpec, DAMPING]
 
@@ -577,9 +574,8 @@ def _array(matrix: Matrix) -> Array:
 
 _VECTOR = "three numbers x, y, z"
 
-_Place = Annotated[tuple[float, float, float], Strict(False)]
 _Points = Annotated[
-    dict[str, _Place],
+    dict[str, Vector],
     Field(description=f"the points: for each its name or number and its place in mm, {_VECTOR}", max_length=_MOST),
 ]
 _POINTS = key_field("the names of two points or more that the member runs through, in order", ["a", "b"])
@@ -615,10 +611,10 @@ class _Stuff(Spec):
 class MemberSpec(_Stuff):
     """A row of straight beams through points."""
 
-    points: Annotated[tuple[PointName, ...], Strict(False), Field(min_length=2), max_length(_MOST), _POINTS]
+    points: Annotated[ListOf[PointName], Field(min_length=2), max_length(_MOST), _POINTS]
     end_section: Annotated[SectionSpec | None, _END_SECTION] = None
-    up: Annotated[_Place | None, _UP] = None
-    offsets_mm: Annotated[Annotated[tuple[_Place, _Place], Strict(False)] | None, _OFFSETS] = None
+    up: Annotated[Vector | None, _UP] = None
+    offsets_mm: Annotated[Annotated[tuple[Vector, Vector], Strict(False)] | None, _OFFSETS] = None
 
     def member(self, *around: _Stuff | FrameSpec) -> Member:
         """The member; what it does not state is its body's, and what that does not state the frame's."""
@@ -646,8 +642,8 @@ class PointMassSpec(Spec):
 
     point: Annotated[PointName, key_field("the name of a point", "tip")]
     mass_kg: Annotated[float, not_negative("the mass in kg", 0.5)]
-    inertia_kg_m2: Annotated[tuple[float, ...], Strict(False), max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
-    offset_mm: Annotated[_Place, _OFFSET] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: Annotated[ListOf[float], max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
+    offset_mm: Annotated[Vector, _OFFSET] = (0.0, 0.0, 0.0)
 
     def built(self) -> PointMass:
         """The mass."""
@@ -657,14 +653,11 @@ class PointMassSpec(Spec):
 
 
 _Members = Annotated[
-    tuple[MemberSpec, ...],
-    Strict(False),
+    ListOf[MemberSpec],
     max_length(_MOST),
     Field(description="a list of members: each a table with points and, where it differs, section and material"),
 ]
-_Masses = Annotated[
-    tuple[PointMassSpec, ...], Strict(False), max_length(_MOST), Field(description="a list of masses at points")
-]
+_Masses = Annotated[ListOf[PointMassSpec], max_length(_MOST), Field(description="a list of masses at points")]
 
 
 class BodySpec(_Stuff):
@@ -698,9 +691,9 @@ class FrameSpec(BeamsSpec, StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
-    directions: Annotated[
-        tuple[Direction, ...], Strict(False), Field(min_length=1), AfterValidator(distinct), max_length(6), _WAYS
-    ] = DIRECTIONS
+    directions: Annotated[ListOf[Direction], Field(min_length=1), AfterValidator(distinct), max_length(6), _WAYS] = (
+        DIRECTIONS
+    )
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     shear_coefficient: Annotated[_Shears, _SHEARS] = "cowper"
     section: Annotated[SectionSpec | None, _SECTION] = None
@@ -787,8 +780,7 @@ class FrameSpec(BeamsSpec, StructureBase):
 
 _MOST_NODE = 1_000_000_000
 _Node = Annotated[int, Field(ge=1, le=_MOST_NODE)]
-_Corner = Annotated[tuple[float, float, float], Strict(False)]
-_Vector = key_field(
+_MIDDLE = key_field(
     "the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0]
 )
 
@@ -798,13 +790,12 @@ class PortSpec(Spec):
 
     node: Annotated[int | None, count_field("the number of a node", 1021, 1, _MOST_NODE)] = None
     nodes: Annotated[
-        tuple[_Node, ...],
-        Strict(False),
+        ListOf[_Node],
         max_length(100_000),
         key_field(f"a list of node numbers from 1 to {_MOST_NODE}, a patch", [7, 8, 9]),
     ] = ()
     box_mm: Annotated[
-        tuple[_Corner, _Corner] | None,
+        tuple[Vector, Vector] | None,
         Strict(False),
         key_field("two opposite corners in mm of a box: all nodes in it", [[-0.1, 0, 0], [0.1, 30, 20]]),
     ] = None
@@ -812,7 +803,7 @@ class PortSpec(Spec):
         Literal["averaged", "rigid"],
         key_field('how a patch moves, "averaged" (RBE3, stiffens nothing) or "rigid" (RBE2)', "averaged"),
     ] = "averaged"
-    at_mm: Annotated[_Corner | None, Strict(False), _Vector] = None
+    at_mm: Annotated[Vector | None, Strict(False), _MIDDLE] = None
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("node", "nodes", "box_mm") if getattr(self, key) not in (None, ())]

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BeforeValidator, Field, Strict
+from pydantic import BeforeValidator, Field
 
 from jointbayes.case.spec.data_table import (
     DataSpec,
@@ -26,7 +26,7 @@ from jointbayes.case.spec.data_table import (
     files_table,
     synthetic_table,
 )
-from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
+from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, ListOf, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.prior_tables import (
     JointSpec,
     ModelErrorSpec,
@@ -420,12 +420,8 @@ def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data:
             yield Finding((*loc, i), fault, "a further DOF", "remove it")
 
 
-_TITLE = Field(
-    min_length=1,
-    max_length=200,
-    pattern=r"^[^\r\n]*$",
-    description="a text of one line, at most 200 characters",
-    examples=["Clamped beam"],
+_TITLE = key_field(
+    "a text of one line, at most 200 characters", "Clamped beam", min_length=1, max_length=200, pattern=r"^[^\r\n]*$"
 )
 
 
@@ -454,7 +450,7 @@ class CaseSpec(Spec):
     """
 
     extends: Annotated[str, _EXTENDS] = ""
-    remove: Annotated[tuple[str, ...], Strict(False), _REMOVE] = ()
+    remove: Annotated[ListOf[str], _REMOVE] = ()
     title: Annotated[str, _TITLE] = ""
     about: Annotated[AboutSpec, Field(description="what was tested: specimen, date, operator, instruments")] = (
         AboutSpec()
@@ -480,8 +476,7 @@ class CaseSpec(Spec):
         PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
     ] = None
     uncertain: Annotated[
-        UncertainSpec,
-        Field(description="a table for each uncertain quantity, as [uncertain.length]"),
+        UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
     ] = UncertainSpec()
     data: DataSpec
     noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
