@@ -1,7 +1,8 @@
 """The names for arrays and quantities in annotations, and how a frozen dataclass makes its fields what they are."""
 
 from collections.abc import Callable
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,17 @@ SensorQuantity = Literal["force", "displacement", "velocity", "acceleration", "u
 Lines = Flags | Indices | slice
 #: Power of jω by which a quantity follows from the receptance.
 POWER_OF_JW: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OverFrequency:
+    """What stands over lines of frequency: FRFs, a coherence, a spectrum."""
+
+    def at_lines(self, which: Lines) -> Self:
+        """Return some of the lines, by a mask or indices over them or a slice; what is of another size stays whole."""
+        arrays: dict[str, Any] = {name: getattr(self, name, None) for name in ("frequency_hz", "values", "coherence")}
+        on_lines = {name: a for name, a in arrays.items() if np.shape(a)[:1] == arrays["frequency_hz"].shape}
+        return replace(self, **{name: array[which] for name, array in on_lines.items()})
 
 
 def quantity_factor(frequency_hz: Array, to: Quantity, source: Quantity = "receptance") -> ComplexArray:

@@ -7,14 +7,14 @@ from typing import get_args
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray, Lines, Quantity, convert_fields, quantity_factor
+from vibrecords.arrays import Array, ComplexArray, OverFrequency, Quantity, convert_fields, quantity_factor
 from vibrecords.errors import MeasurementError, read_only, require_one_of
 from vibrecords.labels import list_labels
 from vibrecords.notebook_view import frf_svg, table_html
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrfSet:
+class FrfSet(OverFrequency):
     """FRFs between output and input DOFs; arrays are copied and read-only.
 
     Parameters
@@ -109,11 +109,6 @@ class FrfSet:
         cut = np.ix_(range(self.n_lines), rows, columns)
         coherence = None if self.coherence is None else self.coherence[cut]
         return replace(self, values=self.values[cut], outputs=tuple(outputs), inputs=tuple(inputs), coherence=coherence)
-
-    def at_lines(self, which: Lines) -> "FrfSet":
-        """Return some of the lines: a mask or indices over lines, or a slice."""
-        coherence = None if self.coherence is None else self.coherence[which]
-        return replace(self, frequency_hz=self.frequency_hz[which], values=self.values[which], coherence=coherence)
 
     def converted(self, quantity: Quantity) -> "FrfSet":
         """Return the same FRFs as receptance, mobility jωH or accelerance −ω²H."""

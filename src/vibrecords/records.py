@@ -4,12 +4,11 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.arrays import Array, ComplexArray, Flags, Lines, Quantity, SensorQuantity, convert_fields
+from vibrecords.arrays import Array, ComplexArray, Flags, OverFrequency, Quantity, SensorQuantity, convert_fields
 from vibrecords.errors import MeasurementError, read_only, require_at_most
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
@@ -31,18 +30,7 @@ _LABEL = re.compile(r"(?:(?P<entity>[^:\s]{1,10}):)?(?P<node>\d{1,9}):(?P<axis>S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OverFrequency:
-    """What stands over lines of frequency: an FRF, a coherence, a spectrum."""
-
-    def at_lines(self, which: Lines) -> Self:
-        """Return some of the lines, by a mask or indices over them or a slice; what is of another size stays whole."""
-        arrays: dict[str, Any] = {name: getattr(self, name, None) for name in ("frequency_hz", "values", "coherence")}
-        on_lines = {name: a for name, a in arrays.items() if np.shape(a) == arrays["frequency_hz"].shape}
-        return replace(self, **{name: array[which] for name, array in on_lines.items()})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrfRecord(_OverFrequency):
+class FrfRecord(OverFrequency):
     """One FRF of a file, in SI units where `factor` is a number; zero lines and NaN are still there.
 
     Parameters
@@ -129,7 +117,7 @@ class TimeRecord:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoherenceRecord(_OverFrequency):
+class CoherenceRecord(OverFrequency):
     """A coherence γ², shape (lines,), that stands apart from its FRF: in a file of its own. As `FrfRecord`."""
 
     response: str
@@ -145,7 +133,7 @@ class CoherenceRecord(_OverFrequency):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpectrumRecord(_OverFrequency):
+class SpectrumRecord(OverFrequency):
     """A spectrum of one signal or of two, which is no FRF: listed, never data.
 
     `kind` says in words which, as the file has it: ``"auto spectrum"``, ``"PSD"``, ``"FFT, RMS"``; `values` are as
