@@ -44,12 +44,8 @@ def test_labview_text(tmp_path):
 
 
 def test_tdms(tmp_path):
-    told = {
-        "Operator": "A. Miller",
-        "datetime": np.datetime64("2026-11-25T08:00:00"),
-        "serial_number": "0471",
-        "name": "x",
-    }
+    told = {"Operator": "A. Miller", "datetime": np.datetime64("2026-11-25T08:00"), "serial_number": "0471"}
+    told |= {"name": "x"}
     with TdmsWriter(str(tmp_path / "a.tdms")) as writer:
         writer.write_segment([RootObject(told), ChannelObject("g", "c", np.zeros(3))])
     assert about_file(tmp_path / "a.tdms") == {"operator": "A. Miller", "date": "2026-11-25", "specimen": "0471"}

@@ -66,6 +66,9 @@ WELL_FORMED = {
         ("".join(function_58(H.real, function=n) for n in (2, 9, 12)) + function_58(H, function=3) + function_58(H),
         [SpectrumRecord] * 4 + [FrfRecord],
         {"kind": "auto spectrum", "channel": "12:Z+", "notes": ("values not read",)}),
+    "a time history in milliseconds":
+        (function_58(H.real, function=1, first=0.0, kinds=("time", "force", "none"), units=("ms", "N", "NONE")),
+        [TimeRecord], {"sample_rate_hz": 2000.0}),
     "a spectrum on lines of both signs":
         (function_58(np.arange(21.0), function=2, first=-5.0), [SpectrumRecord],
         {"notes": ("values not read", "two-sided axis: 11 of 21 lines, from 0 Hz on")}),
@@ -138,19 +141,14 @@ def test_modes_of_pyuff_are_read_as_it_reads_them(tmp_path, analysis, per_node):
     pyuff.UFF(str(path)).write_sets(pyuff.prepare_55(**common, **stated), "add")
     theirs = pyuff.UFF(str(path)).read_sets()
     (mode,) = iter_records(path)
-    assert (mode.number, set(mode.shape)) == (
-        2,
-        {f"{n}:{a}+" for n in (3, 5, 8, 13) for a in ("X", "Y", "Z", "RX", "RY", "RZ")[:per_node]},
-    )
-    for i, axis in enumerate(("X", "Y", "Z", "RX", "RY", "RZ")[:per_node]):
+    axes = ("X", "Y", "Z", "RX", "RY", "RZ")[:per_node]
+    assert (mode.number, set(mode.shape)) == (2, {f"{n}:{axis}+" for n in (3, 5, 8, 13) for axis in axes})
+    for i, axis in enumerate(axes):
         ours = [mode.shape[f"{int(node)}:{axis}+"] for node in theirs["node_nums"]]
         np.testing.assert_array_equal(ours, theirs[f"r{i + 1}"])
     if analysis == 2:
-        assert (mode.frequency_hz, mode.damping_ratio, mode.modal_mass) == (
-            theirs["freq"],
-            theirs["modal_damp_vis"],
-            theirs["modal_m"],
-        )
+        said = [theirs[key] for key in ("freq", "modal_damp_vis", "modal_m")]
+        assert [mode.frequency_hz, mode.damping_ratio, mode.modal_mass] == said
     else:
         assert mode.frequency_hz == abs(theirs["eig"]) / (2 * np.pi)
 
@@ -261,13 +259,6 @@ def test_nothing_that_could_be_read_in_two_ways_is_read_in_silence(tmp_path, nam
     assert all(r.coherence is None for r in records if isinstance(r, FrfRecord))
     warned = [f"{w.key} {w.sentence} {w.remedy}" for w in inspect_file(tmp_path / "a.uff").warnings]
     assert said in " | ".join([notes_of(records), *alone, *warned])
-
-
-def test_a_time_history_keeps_its_milliseconds(tmp_path):
-    text = function_58(H.real, function=1, first=0.0, kinds=("time", "force", "none"), units=("ms", "N", "NONE"))
-    (record,) = records_of(tmp_path / "a.uff", text)
-    assert isinstance(record, TimeRecord)
-    assert record.sample_rate_hz == pytest.approx(2000, rel=1e-12)
 
 
 MODE = mode_55(SHAPE).encode()
