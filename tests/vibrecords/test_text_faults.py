@@ -9,7 +9,7 @@ import pytest
 
 from tests.fuzz.mutations import damaged_bytes
 from tests.vibrecords.reading import refusal
-from tests.vibrecords.test_labview_layouts import NONE, head, lvm, tdms, xlsx
+from tests.vibrecords.test_labview_layouts import NONE, clock, head, lvm, tdms, xlsx
 from tests.vibrecords.test_text_layouts import G2, A, B, C, F, G, H, M, P, T, read, rows
 from vibrecords.errors import MeasurementError
 from vibrecords.records import FrfRecord, SpectrumRecord, TimeRecord
@@ -251,14 +251,8 @@ def test_broken_tdms_and_workbooks_are_one_line(tmp_path):
     for groups, said in (
         ({"a": [("x", A, {}), ("y", B, {})]}, "without a wf_increment; expected the time between samples"),
         ({"a": [("x", A, {"wf_increment": 1.0})]}, "without a wf_increment"),
-        (
-            {"a": [("x", A, {"NI_Number_Of_Scales": np.uint32(4e9)})]},
-            "found 4000000000 scales of a channel",
-        ),
-        (
-            {"a": [("x", A, {"wf_increment": 0.1}), ("y", B, {"wf_increment": 0.1, "wf_start_offset": 1.0})]},
-            "begins at",
-        ),
+        ({"a": [("x", A, {"NI_Number_Of_Scales": np.uint32(4e9)})]}, "found 4000000000 scales"),
+        ({"a": [("x", A, clock(step=0.1)), ("y", B, clock(step=0.1, wf_start_offset=1.0))]}, "begins at"),
     ):
         with pytest.raises(MeasurementError, match=said):
             read(tmp_path, tdms(groups))

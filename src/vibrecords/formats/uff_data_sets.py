@@ -26,7 +26,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, require_at_most
-from vibrecords.formats.table_text import bad_number, float_of, plain_text
+from vibrecords.formats.table_text import axis_role, bad_number, float_of, plain_text
 from vibrecords.formats.units import (
     MOTION_OF,
     TIME_S,
@@ -871,9 +871,8 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
         lines = _frequency_hz(even_abscissa(header), header, []) if told else none
         return SpectrumRecord(response, words, lines, none, header.numerator.unit, where, ("values not read",))
     axis_kind, axis_unit = header.abscissa.kind, header.abscissa.unit
-    over_time = axis_kind == 17 or (axis_kind != 18 and axis_unit.lower() in TIME_S)
-    over_frequency = axis_kind == 18 or (axis_kind != 17 and frequency_factor(axis_unit) is not None)
-    if over_frequency if kind == _TIME else over_time:
+    role = {17: "time", 18: "frequency"}.get(axis_kind) or axis_role(axis_unit)
+    if role == ("frequency" if kind == _TIME else "time"):
         axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
         expected = "time (17, s)" if kind == _TIME else "frequency (18, Hz)"
         remedy = "correct the type of function or the axis"
