@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,6 +250,21 @@ def require_short(where: str, *labels: str) -> None:
     """
     for label in labels:
         require_at_most(LONGEST_LABEL, len(label), where, f"characters in the name {label[:20]!r}…", "shorten it")
+
+
+def reading_package(name: str, what: str, otherwise: str) -> Any:  # noqa: ANN401 (a module)
+    """The package that reads files of one kind, which jointbayes installs with its extra `files`.
+
+    Raises
+    ------
+    MeasurementError
+        If it is missing: with what was found, and what to do otherwise.
+    """
+    try:
+        return import_module(name.lower())
+    except ImportError:
+        found, remedy = f"content: found {what}", f"pip install jointbayes[files], or {otherwise}"
+        raise MeasurementError(f"{found}; expected the package {name}, which reads it; {remedy}") from None
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe
-from vibrecords.records import MOST_COLUMNS, refuse_damage, require_short
+from vibrecords.records import MOST_COLUMNS, reading_package, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
 _MOST_SCALES = 100
@@ -27,16 +27,9 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
     MeasurementError
         If npTDMS is missing, the file is damaged, or channels have neither an increment nor an axis.
     """
-    try:
-        import nptdms
-        from nptdms.log import log_manager
-    except ImportError:
-        raise MeasurementError(
-            "content: found a LabVIEW TDMS file; expected the package npTDMS, which reads it; pip install "
-            "jointbayes[files], or export the measurement as LVM"
-        ) from None
+    nptdms = reading_package("npTDMS", "a LabVIEW TDMS file", "export the measurement as LVM")
     logging.getLogger("nptdms").addHandler(logging.NullHandler())
-    log_manager.set_level(logging.CRITICAL)  # what it says of damaged files is said below
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # what it says of damaged files is said below
     damage = refuse_damage("content", "a TDMS file; copy or export it again")
     with damage, path.open("rb") as handle, nptdms.TdmsFile.open(handle) as file:
         channels = [channel for group in file.groups() for channel in group.channels()]

@@ -9,7 +9,7 @@ from typing import Any
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_files import zip_entries
 from vibrecords.formats.table_text import ColumnTable, Lines, read_text_table
-from vibrecords.records import refuse_damage
+from vibrecords.records import reading_package, refuse_damage
 
 #: Bytes of a workbook unpacked, and cells of its sheets; the largest sheet that Excel writes has 10^6 rows.
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
@@ -23,13 +23,7 @@ def read_xlsx(path: Path) -> ColumnTable:
     MeasurementError
         If openpyxl is missing, the workbook is damaged or too large, or no sheet holds a table.
     """
-    try:
-        import openpyxl
-    except ImportError:
-        raise MeasurementError(
-            "workbook: found an Excel file; expected the package openpyxl, which reads it; pip install "
-            "jointbayes[files], or save the sheet as CSV"
-        ) from None
+    openpyxl = reading_package("openpyxl", "an Excel file", "save the sheet as CSV")
     size = sum(entry.file_size for entry in zip_entries(path))
     if size > _MOST_BYTES:
         raise MeasurementError(
