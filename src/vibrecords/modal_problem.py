@@ -81,8 +81,8 @@ class ModalProblem:
 
         def poles_at(x: Array) -> ComplexArray:
             shift, log_growth = x.reshape(2, -1)
-            damping = np.minimum(width / centre * np.exp(log_growth), 0.9)
-            return pole_of(np.maximum(centre + width * shift, centre / 2), damping)
+            zeta = np.minimum(width / centre * np.exp(log_growth), 0.9)
+            return pole_of(np.maximum(centre + width * shift, centre / 2), zeta)
 
         def slopes(now: ComplexArray) -> tuple[Array, Array]:
             """JᵀJ and Jᵀr, of steps in x."""

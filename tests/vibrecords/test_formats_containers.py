@@ -81,7 +81,7 @@ def read_npz_set(tmp_path):
     ({"averages": 2.5}, "expected one whole number from 1 to 1000000"),
     ({"averages": [3.0, 4.0]}, "expected one whole number from 1 to 1000000"),
     ({"coherence": np.ones((4, 3, 1))}, r"found shape \(4, 3, 1\); expected \(4, 3, 2\)"),
-    ({"samples": np.ones((5, 2)), "fs": 1.0, "quantities": ["force", "love"]}, "found 'love'"),
+    ({"samples": np.ones((5, 2)), "fs": 1.0, "quantities": ["force", "love"]}, "found 'love'; expected one of force, "),
 ])  # fmt: skip
 def test_arrays_that_do_not_fit_are_told(tmp_path, change, message):
     arrays = {"frequency_hz": LINES, "frf": H} | change

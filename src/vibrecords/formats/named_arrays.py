@@ -357,7 +357,8 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
         rate, notes = _rate(block, name, len(samples))
         histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
         for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
-            require_one_of(("", *get_args(SensorQuantity)), word, block.where("quantities"))
+            if word:
+                require_one_of(get_args(SensorQuantity), word, block.where("quantities"))
             factor, quantity, converted = read_sensor_unit(unit)
             if word and quantity not in (None, word):
                 factor, converted = None, [f"unit {unit!r} is none of {word}, values left as written"]
