@@ -218,6 +218,15 @@ FILES = {
     "t and a matrix": ({"t": column(T), "x": X}, [history("x 1", X[:, 0]), history("x 2", X[:, 1])]),
     "t, xn, yn": ({"t": T, "xn": X[:, 0], "yn": X[:, 1]}, [history("xn", X[:, 0]), history("yn", X[:, 1])]),
     "f is a force": ({"f": X[:, 1], "t": T, "x": X[:, 0]}, [history("f", X[:, 1]), history("x", X[:, 0])]),
+    "f alone is a force": ({"f": X[:, 1], "fs": 256.0}, [history("f", X[:, 1])]),
+    "a complex array beside a signal":
+        ({"fs": 256.0, "acc_tip": X[:, 0], "Z": V},
+        [history("acc_tip", X[:, 0], notes=("'Z' not read: [data.layout] can name it",))]),
+    **{f"channels of SEP 5, {name}":
+        ({"signals": [{"data": X[:, 0], "name": "hammer", "unit_str": "N", name: clock},
+        {"data": X[:, 1], "name": "tip", "unit_str": "g", "quantity": "Acceleration", name: clock}]},
+        [history("hammer", X[:, 0], quantity="force"), history("tip", G * X[:, 1], quantity="acceleration")], ("mat",))
+        for name, clock in (("fs", 256.0), ("time", T))},
     "dt and input, output":
         ({"dt": 1 / 256, "input": X[:, 0], "output": X[:, 1]}, [history("output", X[:, 1]), history("input", X[:, 0])]),
     "time in ms": ({"time_ms": 1000 * T, "x": X[:, 0]}, [history("x", X[:, 0])]),

@@ -220,6 +220,15 @@ TABLES = {
         (f"Freq (Hz),Magnitude A / B (g/N),Phase A / B ({unit})\n" + rows(F, M, phase),
         [frf("A", "B", G * H, factor=G, **ACC) | {"unit": "g/N", "notes": ("g/N converted to (m/s^2)/N",)}])
         for unit, phase in (("deg", P), ("°", P), ("rad", np.angle(H)))},
+    **{" and ".join(names):
+        (f"frequency [Hz],{','.join(names)}\n" + rows(F, 20 * np.log10(np.abs(H + 5)), np.angle(H + 5, deg=True)),
+        [{"type": FrfRecord, "frequency_hz": F, "values": H + 5}])  # above 1, so that decibels are above 0
+        for names in (("mag_dB", "phase_deg"), ("Magnitude (dB)", "Phase (deg)"), ("FRF mag dB", "FRF phase deg"))},
+    "parts in brackets before the unit":
+        ("frequency [Hz],H (Magnitude) [m/N],H (Phase) [deg]\n" + rows(F, M, P), [frf("H", quantity="receptance")]),
+    "DOS, decimal commas":
+        ("f;re;im\n" + rows(F, H.real, H.imag, delimiter=";", decimal=",") + "\x1a", [frf()]),
+    "DOS, CR LF": ("f,re,im\r\n" + rows(F, H.real, H.imag, end="\r\n") + "\x1a", [frf()]),
     "decibels over a unit":
         ("Frequency [Hz],Magnitude A / B [dB re 1 (mm/s)/N],Phase A / B [deg]\n" + rows(F, 20 * np.log10(M), P),
         [frf("A", "B", 1e-3 * H, "mobility", 1e-3) | {"notes": (

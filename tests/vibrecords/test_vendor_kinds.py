@@ -73,13 +73,6 @@ def test_a_two_sided_axis_is_no_signal_and_its_frf_the_half_from_zero(tmp_path, 
     np.testing.assert_allclose(one(named).coherence, np.abs(values[:half]))
 
 
-def test_complex_arrays_beside_a_signal_are_named(tmp_path):
-    record = one(saved(tmp_path / "a", fs=100.0, acc_tip=F, Z=V), TimeRecord)
-    assert record.notes == ("'Z' not read: [data.layout] can name it",)
-    force = one(saved(tmp_path / "b", fs=100.0, f=np.sin(F)), TimeRecord)  # a force, which is no axis
-    np.testing.assert_allclose(force.values, np.sin(F))
-
-
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("kind", range(6))
 def test_matlab_4(tmp_path, order, kind):
@@ -129,17 +122,6 @@ def test_modes_under_the_names_of_other_programs(tmp_path, names, layout):
     assert [mode.frequency_hz for mode in found] == frequency.tolist()
     assert [mode.damping_ratio for mode in found] == ratio.tolist()
     np.testing.assert_array_equal([[*mode.shape.values()] for mode in found], shape.T)
-
-
-@pytest.mark.parametrize("clock", [{"fs": 256.0}, {"time": np.arange(24) / 256}])
-def test_channels_of_sep_5(tmp_path, clock):
-    hammer = {"data": V.real, "name": "hammer", "unit_str": "N", **clock}
-    tip = {"data": V.imag, "name": "tip", "unit_str": "g", "quantity": "Acceleration", **clock}
-    force, motion = records_of(saved(tmp_path / "a", signals=[hammer, tip]))
-    assert (force.channel, force.quantity, force.sample_rate_hz) == ("hammer", "force", pytest.approx(256.0))
-    assert (motion.channel, motion.quantity) == ("tip", "acceleration")
-    np.testing.assert_allclose(force.values, V.real)
-    np.testing.assert_allclose(motion.values, 9.80665 * V.imag)
 
 
 @pytest.mark.parametrize(("label", "said"), [("g/N", (("g", 9.80665), ("m/s^2", 1.0))), ("g", (("g", 9.80665),))])
@@ -205,32 +187,16 @@ def test_numpy_writes_frequencies_as_complex_numbers_too(tmp_path):
             records_of(tmp_path / "b", text)
 
 
-def polar(z, decibels):
-    size = np.abs(z)
-    return 20 * np.log10(size) if decibels else size, np.degrees(np.angle(z))
-
-
 @pytest.mark.parametrize("decibels", [False, True])
 @pytest.mark.parametrize("separator", ["Tab", "Comma"])
 def test_magnitude_phase_and_coherence_of_a_labview_spectrum(tmp_path, decibels, separator):
-    size, phase = polar(V, decibels)
+    size, phase = 20 * np.log10(np.abs(V)) if decibels else np.abs(V), np.degrees(np.angle(V))
     squared = np.linspace(0.5, 1.0, 24)
     header = head(["dB" if decibels else "g/N", "deg", ""], 24, 2.5, 2.5, "Frequency")
     names = ["Frequency Response (Magnitude)", "Frequency Response (Phase)", "Coherence"]
     record = one(put(tmp_path / "a", lvm(names, [F, size, phase, squared], header, separator=separator)))
     require_frf(record, F, V if decibels else 9.80665 * V)
     np.testing.assert_allclose(record.coherence, squared)
-
-
-@pytest.mark.parametrize(("names", "decibels"), [
-    (("mag_dB", "phase_deg"), True), (("Magnitude (dB)", "Phase (deg)"), True), (("FRF mag dB", "FRF phase deg"), True),
-    (("H (Magnitude) [m/N]", "H (Phase) [deg]"), False),
-])  # fmt: skip
-def test_names_of_magnitude_and_phase(tmp_path, names, decibels):
-    table = np.column_stack([F, *polar(V + 5, decibels)])  # above 1, so that decibels are above 0
-    rows = [["frequency [Hz]", *names], *(map(repr, row) for row in table.tolist())]
-    text = "\n".join(",".join(row) for row in rows) + "\n"
-    require_frf(one(put(tmp_path / "a", text)), F, V + 5)
 
 
 @pytest.mark.parametrize("coherences", [("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1")])
@@ -301,11 +267,6 @@ def test_text_before_the_first_data_set_and_ctrl_z_behind_the_last(tmp_path, end
         records_of(tmp_path / "b", text + "more text" + end + text)
     with pytest.raises(MeasurementError, match="expected"):  # the first delimiter is missing
         records_of(tmp_path / "c", text.split(end, 1)[1] + text)
-
-
-@pytest.mark.parametrize("text", ["f;re;im\n1;2,5;3\n2;3;4\n\x1a", "f,re,im\r\n1,2.5,3\r\n2,3,4\r\n\x1a"])
-def test_a_table_that_dos_ended(tmp_path, text):
-    require_frf(one(put(tmp_path / "a", text)), [1, 2], [2.5 + 3j, 3 + 4j])
 
 
 @pytest.mark.parametrize("per_line", [1, 3, 5, 100])
