@@ -209,6 +209,11 @@ FILES = {
     "Re_H and Im_H": ({"f": F, "Re_H": V.real, "Im_H": V.imag}, ONE),
     "df and f_start": ({"H": V, "df": 0.5, "f_start": 10.0}, ONE),
     "coherence by name": ({"H11": V, "coh11": C, "f": F}, [frf("output 1", "input 1", coherence=C)]),
+    **{f"{one} and {two}":
+        ({"f": F, "FRF1": V, "FRF2": H[:, 1], one: C, two: C[::-1]},
+        [{"type": FrfRecord, "values": H[:, i], "coherence": C if one.endswith(f"{i + 1}") else C[::-1]}
+        for i in (0, 1)])
+        for one, two in (("Coh1", "Coh2"), ("Coherence_1", "Coherence_2"), ("coh_2", "coh_1"))},
     "coherence of another struct":
         ({"one": {"H": V, "f": F}, "two": {"coh": C, "f": F}}, [frf("output 1", "input 1", coherence=C)]),
     "coherence alone":

@@ -229,6 +229,12 @@ TABLES = {
     "DOS, decimal commas":
         ("f;re;im\n" + rows(F, H.real, H.imag, delimiter=";", decimal=",") + "\x1a", [frf()]),
     "DOS, CR LF": ("f,re,im\r\n" + rows(F, H.real, H.imag, end="\r\n") + "\x1a", [frf()]),
+    **{f"{one} and {two}":
+        (f"frequency [Hz],FRF1 real,FRF1 imag,FRF2 real,FRF2 imag,{one},{two}\n"
+        + rows(F, H.real, H.imag, H2.real, H2.imag, G2, G2[::-1]),
+        [{"type": FrfRecord, "values": values, "coherence": G2 if one.endswith(number) else G2[::-1]}
+        for number, values in (("1", H), ("2", H2))])
+        for one, two in (("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1"))},
     "decibels over a unit":
         ("Frequency [Hz],Magnitude A / B [dB re 1 (mm/s)/N],Phase A / B [deg]\n" + rows(F, 20 * np.log10(M), P),
         [frf("A", "B", 1e-3 * H, "mobility", 1e-3) | {"notes": (

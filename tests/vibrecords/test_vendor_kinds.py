@@ -199,23 +199,6 @@ def test_magnitude_phase_and_coherence_of_a_labview_spectrum(tmp_path, decibels,
     np.testing.assert_allclose(record.coherence, squared)
 
 
-@pytest.mark.parametrize("coherences", [("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1")])
-@pytest.mark.parametrize("form", ["text", "mat"])
-def test_a_coherence_of_a_number_is_that_of_the_frf_of_this_number(tmp_path, coherences, form):
-    squared = {name: np.linspace(0.4 + 0.1 * i, 0.9, 24) for i, name in enumerate(coherences)}
-    if form == "mat":
-        squared = {name.replace(" ", "_"): values for name, values in squared.items()}
-        path = saved(tmp_path / "a", f=F, FRF1=V, FRF2=H[:, 1], **squared)
-    else:
-        table = np.column_stack([F, V.real, V.imag, H[:, 1].real, H[:, 1].imag, *squared.values()])
-        head = ["frequency [Hz]", "FRF1 real", "FRF1 imag", "FRF2 real", "FRF2 imag", *squared]
-        rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
-        path = put(tmp_path / "a", ",".join(head) + "\n" + rows)
-    for record, column, number in zip(records_of(path), H.T, "12", strict=True):
-        require_frf(record, F, column)
-        np.testing.assert_allclose(record.coherence, next(v for name, v in squared.items() if name.endswith(number)))
-
-
 def labview(counts, clocks, columns):
     """Time histories over one X column, with shorter channels that have a clock of their own."""
     names, header = [f"channel {i}" for i in range(len(columns))], head(["N"] * len(columns), counts, step=clocks)
