@@ -10,7 +10,7 @@ from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from vibrecords.provenance import ChannelUse, Role
-from vibrecords.records import CoherenceRecord, FrfRecord, Record, with_coherence
+from vibrecords.records import CoherenceRecord, FrfRecord, Record, coherence_on
 from vibrecords.rotations import Rotation
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
@@ -179,11 +179,11 @@ def _with_coherences(
 
 def _with_coherence(frf: FrfRecord, coherence: CoherenceRecord, where: str) -> FrfRecord:
     try:
-        whole = with_coherence(frf, coherence)
+        squared = coherence_on(frf.frequency_hz, coherence, frf.where)
     except MeasurementError as error:
         raise MeasurementError(f"{where}: {error}") from None
     notes = (*frf.notes, f"coherence taken from {coherence.where}")
-    return replace(whole, averages=frf.averages or coherence.averages, notes=notes)
+    return replace(frf, coherence=squared, averages=frf.averages or coherence.averages, notes=notes)
 
 
 def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:

@@ -195,21 +195,21 @@ def labels_of(record: Record) -> tuple[str, ...]:
     return tuple(record.shape)
 
 
-def with_coherence(frf: FrfRecord, coherence: CoherenceRecord) -> FrfRecord:
-    """An FRF with the coherence that stood apart from it.
+def coherence_on(lines: Array, coherence: CoherenceRecord, where: str) -> Array:
+    """A coherence that stood apart from its FRF, of these lines and this place.
 
     Raises
     ------
     MeasurementError
         If it is one of other lines.
     """
-    lines, others = frf.frequency_hz, coherence.frequency_hz
+    others = coherence.frequency_hz
     if others.shape != lines.shape or not np.allclose(others, lines, rtol=1e-6, equal_nan=True):
         raise MeasurementError(
             f"{coherence.where}: found a coherence of {others.size} lines that are not the {lines.size} of the FRF in "
-            f"{frf.where}; expected the same lines; export again"
+            f"{where}; expected the same lines; export again"
         )
-    return replace(frf, coherence=coherence.values)
+    return coherence.values
 
 
 def measurable(values: Array | ComplexArray) -> Flags:

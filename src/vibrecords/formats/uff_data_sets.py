@@ -46,9 +46,9 @@ from vibrecords.records import (
     Record,
     SpectrumRecord,
     TimeRecord,
+    coherence_on,
     dof_label,
     even_rate,
-    with_coherence,
 )
 
 #: Specific data types of the format.
@@ -429,7 +429,8 @@ def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Ar
 
 def _binary_values(header: FunctionHeader, body: bytes) -> Array:
     rows = np.frombuffer(body, header.row)
-    return np.hstack([rows["x"].astype(float), rows["y"].astype(float)])
+    numbers = rows["y"].astype(float)
+    return numbers if header.even else np.hstack([rows["x"], numbers])
 
 
 def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
@@ -905,9 +906,9 @@ def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -
     if of_pair and not complete:
         notes.append(f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken")
     values, where = scaled(ordinate, factor).astype(complex, copy=False), f"data set {data_set.number}"
-    told = (quantity, unit, None, _averages(header), where, tuple(notes), factor)
-    frf = FrfRecord(response, reference, lines, values, *told)
-    return with_coherence(frf, _coherence(source, of_pair[nth - 1], place)) if complete else frf
+    squared = coherence_on(lines, _coherence(source, of_pair[nth - 1], place), where) if complete else None
+    told = (quantity, unit, squared, _averages(header), where, tuple(notes), factor)
+    return FrfRecord(response, reference, lines, values, *told)
 
 
 def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
