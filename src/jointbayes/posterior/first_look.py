@@ -29,7 +29,7 @@ from jointbayes.inference import ModelErrorNoise, NoiseModel, Nuisance, Problem,
 from jointbayes.inference.likelihood_base import ResidualKind
 from jointbayes.inference.test import columns_of_names
 from jointbayes.joint import AnyJoint, Joints, Parametrisation
-from jointbayes.posterior.prediction import replace_values, simulated_values
+from jointbayes.posterior.prediction import frfs_as_measured, replace_values, simulated_values
 from vibrecords import (
     Antiresonances,
     FrfData,
@@ -40,7 +40,6 @@ from vibrecords import (
     Observed,
     Quantity,
     RelativeNoise,
-    quantity_factor,
 )
 from vibrecords.arrays import Array
 
@@ -202,19 +201,15 @@ class FrfCandidate(Candidate):
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The FRFs measured where θ is the truth, see `Candidate`."""
-        point, present = np.asarray(theta, dtype=float), self.present(problem)
-        there = self.without_data(problem)
+        present, there = self.present(problem), self.without_data(problem)
         there = there.with_test(residual_kind=self.residual_kind or present.test.residual_kind)
-        factors = there.prior.factors(point)
-        model = there.test.receptance_model(self.ports)
-        true = model.receptance(there.prior.matrix(point), there.structural(factors))[0]
-        true = float(there.gain(factors)) * true
-        true = true * quantity_factor(self.ports.frequency_hz, self.quantity)[:, None, None]
+        stiffness, factors = there.prior.values(theta), there.prior.factors(theta)
+        true = frfs_as_measured(there, self.ports, self.quantity, stiffness, factors)[0]
         kept = self.ports.frequency_hz > self.above_hz
         lines, values, variance = self.ports.frequency_hz[kept], true[kept], self.law.variance(true)[kept]
         frf = FrfSet(lines, values, self.ports.outputs, self.ports.inputs, self.quantity)
         if rng is not None:
-            noise = _noise(present, there, self.noise, point, FrfData(frf, variance), rng)
+            noise = _noise(present, there, self.noise, theta, FrfData(frf, variance), rng)
             frf = replace(frf, values=values - np.sqrt(variance) * noise)
         measurement = FrfData(frf, variance, synthetic=True)
         law = self.noise or present.test.noise
@@ -289,12 +284,12 @@ class ModalCandidate(Candidate):
 
     def problem(self, problem: Problem, theta: Array, rng: np.random.Generator | None = None) -> Problem:
         """The modes measured where θ is the truth, see `Candidate`."""
-        point, there = np.asarray(theta, dtype=float), self.without_data(problem)
-        exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(point)[0]
+        there = self.without_data(problem)
+        exact = _of_data(there, self._measured(np.ones(2 * len(self.numbers)))).log_posterior.predicted(theta)[0]
         there = _of_data(there, self._measured(exact))
         if rng is None:
             return _with_usual_errors(there)
-        values = simulated_values(there, point, rng)
+        values = simulated_values(there, theta, rng)
         if self.dof or self.held:
             values[: len(self.numbers)] = exact[: len(self.numbers)]
         return replace_values(there, values)
@@ -518,42 +513,37 @@ class WithOwn:
         """Where the others stand."""
         return np.array([self.problem.names.index(nuisance.name) for nuisance in self.own_nuisances], dtype=np.intp)
 
-    def joined(self, theta: ArrayLike, own_theta: ArrayLike) -> Array:
+    def joined(self, theta: Array, own_theta: Array) -> Array:
         """θ of all, shape (n, D), from that of the present problem, shape (n, d), and the others, shape (n, D − d)."""
-        present_theta = np.asarray(theta, dtype=float)
-        whole = np.empty((len(present_theta), len(self.problem.names)))
-        whole[:, self.present_columns], whole[:, self.own_columns] = present_theta, own_theta
+        whole = np.empty((len(theta), len(self.problem.names)))
+        whole[:, self.present_columns], whole[:, self.own_columns] = theta, own_theta
         return whole
 
-    def drawn(self, theta: ArrayLike, rng: np.random.Generator) -> Array:
+    def drawn(self, theta: Array, rng: np.random.Generator) -> Array:
         """Draws of all, shape (n, D), from draws of the present problem, shape (n, d)."""
-        present_theta = np.asarray(theta, dtype=float)
-        own_draws = [nuisance.prior.sample(rng, len(present_theta)) for nuisance in self.own_nuisances]
-        return self.joined(present_theta, np.reshape(own_draws, (-1, len(present_theta))).T)
+        own_draws = [nuisance.prior.sample(rng, len(theta)) for nuisance in self.own_nuisances]
+        return self.joined(theta, np.reshape(own_draws, (-1, len(theta))).T)
 
-    def middle(self, theta: ArrayLike) -> Array:
+    def middle(self, theta: Array) -> Array:
         """θ of all, shape (n, D), with the others in the middle of their priors, from θ (n, d)."""
-        present_theta = np.asarray(theta, dtype=float)
         means = [nuisance.prior.mean for nuisance in self.own_nuisances]
-        return self.joined(present_theta, np.tile(means, (len(present_theta), 1)))
+        return self.joined(theta, np.tile(means, (len(theta), 1)))
 
-    def log_density(self, theta: ArrayLike) -> Array:
+    def log_density(self, theta: Array) -> Array:
         """ln p(θ | present data) up to the evidence, shape (n,), of θ of all, shape (n, D)."""
-        t = np.atleast_2d(np.asarray(theta, dtype=float))
-        density = self.present.log_posterior(t[:, self.present_columns])
+        density = self.present.log_posterior(theta[:, self.present_columns])
         for column, nuisance in zip(self.own_columns, self.own_nuisances, strict=True):
-            density += nuisance.prior.log_density(t[:, column])
+            density += nuisance.prior.log_density(theta[:, column])
         return density
 
-    def fisher(self, theta: ArrayLike) -> FisherInformation:
+    def fisher(self, theta: Array) -> FisherInformation:
         """Information of the present data and of the priors of all, at θ of all, shape (D,)."""
-        point = np.asarray(theta, dtype=float)
-        present = fisher_information(self.present, point[self.present_columns])
-        data = np.zeros((point.size, point.size))
+        present = fisher_information(self.present, theta[self.present_columns])
+        data = np.zeros((theta.size, theta.size))
         data[np.ix_(self.present_columns, self.present_columns)] = present.data
         prior = self.problem.prior
         return FisherInformation(
-            self.problem.names, point, data, np.diag(prior.precision), prior.sd, self.problem.parametrisation
+            self.problem.names, theta, data, np.diag(prior.precision), prior.sd, self.problem.parametrisation
         )
 
 
@@ -565,13 +555,12 @@ MOST_SETS = 5000
 MARGIN = 2.0
 
 
-def measurement_information(candidate: Candidate, problem: Problem, theta: ArrayLike) -> Array:
+def measurement_information(candidate: Candidate, problem: Problem, theta: Array) -> Array:
     """Fisher information of a further measurement about θ, shape (d, d), where θ, shape (d,), is the truth.
 
     JᵀJ of the standardised residuals, for the noise that the candidate's law makes of the model's FRFs there.
     """
-    point = np.asarray(theta, dtype=float)
-    return fisher_information(candidate.problem(problem, point), point).data
+    return fisher_information(candidate.problem(problem, theta), theta).data
 
 
 def sd_of(fisher: FisherInformation, quantity: str) -> float:

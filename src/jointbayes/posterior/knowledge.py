@@ -604,8 +604,7 @@ class Knowledge(KeptKnowledge):
         text, *rest = exclusion_sentences(self.simpler)
         if self._condition:
             text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
-        if not self.check.explains:
-            text = f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
+        text = self._if_right(text)
         best = next((d.as_flexibility or d.sentence for d in self.directions if d.verdict in CERTAINTY), "")
         known = f"Best known{self._condition and ', on the same condition'}: {best}."
         return (text, *rest, *([known] if best else []))
@@ -620,15 +619,19 @@ class Knowledge(KeptKnowledge):
         seen = exact and any(verdict != "not identified" for verdict in self.freed[0].verdict.values())
         return f"{listed(exact)} exactly known" if exact and (self.exact or not seen) else ""
 
+    def _if_right(self, text: str, mark: str = ":") -> str:
+        """A sentence, under the model being right where it does not explain the data."""
+        if self.check.explains:
+            return text
+        return f"{IF_MODEL_RIGHT.capitalize()}{mark} {text[0].lower()}{text[1:]}"
+
     @property
     def directions_sentence(self) -> str:
         """Which combinations are known, in one sentence; conditional as the verdicts are."""
         text = summary_sentence(self.directions)
         if self._condition:
             text = f"With {self._condition}: {text}"
-        if self.check.explains or any(d.verdict == "no verdict" for d in self.directions):
-            return text
-        return f"{IF_MODEL_RIGHT.capitalize()}: {text[0].lower()}{text[1:]}"
+        return text if any(d.verdict == "no verdict" for d in self.directions) else self._if_right(text)
 
     @property
     def freed_sentence(self) -> str:
@@ -636,9 +639,7 @@ class Knowledge(KeptKnowledge):
         if not self.freed:
             return ""
         text = effect_sentence(self.freed)
-        if self.check.explains or text.startswith("Whether"):
-            return text
-        return f"{IF_MODEL_RIGHT.capitalize()}, {text[0].lower()}{text[1:]}"
+        return text if text.startswith("Whether") else self._if_right(text, ",")
 
     def as_json(self) -> dict[str, Any]:
         """What ``identifiability`` of ``summary.json`` holds."""
