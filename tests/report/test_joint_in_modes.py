@@ -8,7 +8,7 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.report import ReportInputs
-from jointbayes.report.sections.joint_in_modes import _sentence, joint_in_modes_section
+from jointbayes.report.sections.natural_frequencies import _sentence, joint_in_modes_section
 from tests.conftest import cheap_text, edited, pair_matrix
 
 

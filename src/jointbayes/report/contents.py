@@ -11,19 +11,17 @@ from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.methods import methods_section, terms_section
 from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
-from jointbayes.report.sections.fit_to_data import fit_section
+from jointbayes.report.sections.fit_to_data import fit_section, left_out_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
 from jointbayes.report.sections.intervals import nuisance_section, posterior_section
-from jointbayes.report.sections.joint_in_modes import joint_in_modes_section
 from jointbayes.report.sections.lead import answer_section, lead
-from jointbayes.report.sections.left_out import left_out_section
 from jointbayes.report.sections.measured_data import (
     case_warnings_section,
     measured_bodies_section,
     measured_modes_section,
     measurement_section,
 )
-from jointbayes.report.sections.natural_frequencies import frequency_section, own_section
+from jointbayes.report.sections.natural_frequencies import frequency_section, joint_in_modes_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
 from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
 from jointbayes.report.sections.trust import worst_test

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibrecords.arrays import Array
 
-#: A place (x, y, z) on paper: how much of the third axis goes to the right and up.
-OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [0.45, 0.3]])
 SeriesKind: TypeAlias = Literal["line", "points", "band"]
 
 SERIES_COLOURS = ("#1f5a94", "#c1511b", "#2b7a55", "#8b4a8f", "#8a6d00", "#3d8fb0", "#5b6672", "#b03a5b")

@@ -1,4 +1,7 @@
-"""The structure of a test drawn to scale: bodies, joints, sensors and forces where the problem has them."""
+"""The structure of a test drawn to scale: bodies, joints, sensors and forces where the problem has them; and its modes.
+
+Modes are lines that bend: where members lie, and how each of their points moves.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,10 +12,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from jointbayes.frf import AssembledShapes
+from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem, Test
 from jointbayes.joint import Joint
 from jointbayes.report.canvas import svg
-from jointbayes.report.line_plot import OBLIQUE, SERIES_COLOURS
+from jointbayes.report.line_plot import SERIES_COLOURS, Wireframe
 from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe
@@ -21,6 +26,8 @@ from vibrecords.arrays import Array
 Kind = Literal["joint", "force", "sensor"]
 _COLOURS: dict[Kind, str] = {"force": SERIES_COLOURS[0], "joint": SERIES_COLOURS[1], "sensor": SERIES_COLOURS[2]}
 _GREY = "#5b6672"
+#: A place (x, y, z) on paper: how much of the third axis goes to the right and up.
+_OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [0.45, 0.3]])
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _WIDTH, _LEAST, _MOST = 3.4, 0.9, 2.2  # inches, of one test
 _FOOT = 0.2  # inches below all, for the key
@@ -28,6 +35,13 @@ _LABEL = 0.25  # inches above the highest arrow, for its name
 _MOST_MASSES = 20  # in a row
 _WAYS = {"x": "axial", "y": "vertical", "z": "sideways", "rx": "twist", "ry": "turning", "rz": "turning"}
 _MOST_NAMED = 8  # joints, sensors or forces: of more none is named
+#: Points of all lines together, and at most on one stretch between points of the structure.
+_POINTS, _ON_A_STRETCH = 240, 9
+_SWING = 0.15  # of the structure's size, as it is drawn
+_DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+
+_End = tuple[str, Array, Array]
+"""Of a straight stretch: the point of the structure that it moves with, its place and its offset from there, (3,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +226,7 @@ class _Places:
             for label in labels:
                 place, direction = self.at(label), label.rpartition(":")[2]
                 if place is not None:
-                    way = (np.array(_AXES[direction]) @ OBLIQUE,) if direction in _AXES else ()
+                    way = (np.array(_AXES[direction]) @ _OBLIQUE,) if direction in _AXES else ()
                     yield Mark(kind, place, dof_words(self._test, label) if len(labels) <= _MOST_NAMED else "", way)
 
     def at(self, label: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Array | None:
@@ -223,7 +237,7 @@ class _Places:
         if not self.to_scale:
             return np.array([float(self.order[point]), 0.0])
         place = self._body.position(label)
-        return None if place is None else (np.array(place) + offset) @ OBLIQUE
+        return None if place is None else (np.array(place) + offset) @ _OBLIQUE
 
     def _ends(self, joint: Joint) -> list[Array | None]:
         nowhere = (0.0, 0.0, 0.0)
@@ -245,7 +259,7 @@ def _outlines(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
         yield np.array([[0, -half], [recipe.length, -half], [recipe.length, half], [0, half]]), ""
     elif isinstance(recipe, ImportedRecipe):
         if recipe.outline is not None:
-            yield from ((ends @ OBLIQUE, "") for ends in recipe.outline.places[recipe.outline.lines])
+            yield from ((ends @ _OBLIQUE, "") for ends in recipe.outline.places[recipe.outline.lines])
     elif not places.to_scale and len(places.order) <= _MOST_MASSES:
         box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
         for name, place in places.order.items():
@@ -259,7 +273,7 @@ def _stretches(body: FrameBody, member: Member) -> Iterator[Array]:
         up = member.axes(np.subtract(end.place, start.place))[1]
         first, last = (_height_at(member, station.share) / 2 * up for station in (start, end))
         at_start, at_end = np.array(start.place), np.array(end.place)
-        yield np.array([at_start - first, at_end - last, at_end + last, at_start + first]) @ OBLIQUE
+        yield np.array([at_start - first, at_end - last, at_end + last, at_start + first]) @ _OBLIQUE
 
 
 def _height_at(member: Member, share: float) -> float:
@@ -270,3 +284,81 @@ def _height_at(member: Member, share: float) -> float:
 def _height(section: Section) -> float:
     """Height of a section as its constructor was given it, m; of a tube the outer diameter."""
     return section.dimensions[1] if section.shape in ("rectangle", "box") else section.dimensions[0]
+
+
+def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> Wireframe | None:
+    """Shapes of the lowest modes at the MAP; None of a structure whose geometry or modes are not known.
+
+    Parameters
+    ----------
+    problem
+        Of one test.
+    estimate
+        The MAP.
+    names
+        Each mode in words, from the lowest.
+    """
+    recipe = getattr(problem.test.structures, "recipe", None)
+    if isinstance(recipe, ImportedRecipe):
+        return _of_outline(problem, estimate, names, recipe)
+    test, stretches = problem.test, [ends for along in _members(problem) for ends in pairwise(along)]
+    if not stretches or not names or test.most_modes < len(names):
+        return None
+    body, there = test.structures, set(test.structures.labels)
+    motions = {point: np.zeros((len(names), 6)) for ends in stretches for point, *_ in ends}
+    dofs = [dof for point in motions for direction in _DIRECTIONS if (dof := f"{point}:{direction}") in there]
+    # at the nominal quantities, which change shapes hardly: what is uncertain takes a table of modes
+    certain = body.at((*dofs, *test.joints.labels), body.reach_hz(len(names))).certain()
+    matrices = problem.prior.matrix(estimate.theta[None])
+    shapes = AssembledShapes(certain, test.joints, len(names), dofs).modes(matrices).shapes[0]
+    for dof, motion in zip(dofs, shapes.T, strict=True):
+        point, _, direction = dof.rpartition(":")
+        motions[point][:, _DIRECTIONS.index(direction)] = motion
+    s = np.linspace(0.0, 1.0, max(2, min(_ON_A_STRETCH, _POINTS // len(stretches))))
+    # cubics of value and slope at either end
+    cubics = np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2])
+    places, moved = [], []
+    for ends in stretches:
+        (_, start, _), (_, end, _) = ends
+        values = []
+        for point, _, offset in ends:
+            shift, turn = motions[point][:, :3], motions[point][:, 3:]
+            # an end moves as a rigid body with its point; a cross-section stays across the line, v' = θ × e
+            values += [shift + np.cross(turn, offset), np.cross(turn, end - start)]
+        places.append(start + s[:, None] * (end - start))
+        moved.append(np.einsum("kp,kmd->mpd", cubics, np.array(values)))
+    points, swings = np.array(places) @ _OBLIQUE, np.stack(moved, axis=1) @ _OBLIQUE
+    return _drawn(points, names, swings)
+
+
+def _of_outline(
+    problem: Problem, estimate: MapEstimate, names: Sequence[str], recipe: ImportedRecipe
+) -> Wireframe | None:
+    """The same of an imported model: its surface, each edge a straight line."""
+    test = problem.test
+    if recipe.outline is None or not names or test.most_modes < len(names):
+        return None
+    body, lines = recipe.drawn(), recipe.outline.lines
+    dofs = [label for label in body.labels if label.startswith("~")]
+    matrices = problem.prior.matrix(estimate.theta[None])
+    shapes = AssembledShapes(body, test.joints, len(names), dofs).modes(matrices).shapes[0]
+    moved = shapes.reshape(len(names), -1, 3)[:, lines]
+    return _drawn(recipe.outline.places[lines] @ _OBLIQUE, names, moved @ _OBLIQUE)
+
+
+def _drawn(points: Array, names: Sequence[str], swings: Array) -> Wireframe:
+    """Lines (lines, points, 2) and how they move in each mode, so far that it is seen."""
+    largest = np.linalg.norm(swings, axis=3, keepdims=True).max(axis=(1, 2), keepdims=True)
+    swings = swings * (_SWING * np.ptp(points, axis=(0, 1)).max() / np.maximum(largest, np.finfo(float).tiny))
+    return Wireframe(points, tuple(names), swings)
+
+
+def _members(problem: Problem) -> Iterator[list[_End]]:
+    """Ends of the stretches of each member, one after the other."""
+    recipe = getattr(problem.test.structures, "recipe", None)
+    if isinstance(recipe, BeamRecipe):
+        yield [(point, np.array(place), np.zeros(3)) for point, place in recipe.positions.items()]
+    for name, body in recipe.bodies if isinstance(recipe, FrameRecipe) else ():
+        for member in body.members:
+            stations, prefix = body.stations(member), f"{name}." if name else ""
+            yield [(f"{prefix}{s.point}", np.array(s.place), np.array(s.offset)) for s in stations]

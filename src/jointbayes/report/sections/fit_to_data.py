@@ -1,17 +1,18 @@
-"""Measured and predicted data: whether the model explains them, where it does not, and the FRFs side by side."""
+"""Measured and predicted data: whether the model explains them, the FRFs side by side, and what was left out."""
 
 import numpy as np
 
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.diagnosis import Diagnosis
+from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report import drawing
 from jointbayes.report.frf_curves import frf_curves
-from jointbayes.report.inputs import TestInputs
+from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import number
+from jointbayes.rounding import interval, number
 from vibrecords import FrfData, FrfSet
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
@@ -113,3 +114,32 @@ def _figure(plot: FrfPlot, share: float, said: str) -> Figure:
         drawing.frf_overlay(plot, share),
         plot,
     )
+
+
+def left_out_section(inputs: ReportInputs) -> ReportSection | None:
+    """Each value against its interval; None where nothing was left out."""
+    predicted = inputs.summary.left_out
+    if not predicted:
+        return None
+    rows = [
+        (
+            foreign(f"{each.test} {each.names[i]}".strip()),
+            number(each.measured[i], 4),
+            number(each.median[i], 4),
+            interval((each.low[i], each.high[i]), 4),
+            "yes" if each.inside[i] else "no",
+        )
+        for each in predicted
+        for i in each.shown
+    ]
+    count = sum(each.inside.size for each in predicted)
+    note = (
+        "The intervals are those of a measurement: what is uncertain in joint and structure, the error of the model "
+        "where [noise] states one, and the stated noise. Frequencies in Hz, FRFs as magnitudes."
+    )
+    note += f" Of {count} values those outside." if len(rows) < count else ""
+    head = ("Left out", "Measured", "Median", "95 % interval", "Inside")
+    kinds = tuple("" if row[-1] == "yes" else "bad" for row in rows)
+    table = Table("Left out and predicted", head, tuple(rows), note=note, row_kinds=kinds)
+    text = Paragraph(foreign(sentence_of_left_out(predicted)))
+    return ReportSection("left-out", "Left out and predicted", (text, table))
