@@ -25,7 +25,6 @@ from jointbayes.posterior.knowledge import (
     effect_sentence,
     inputs_taken_as_exact,
 )
-from jointbayes.posterior.verdicts import Finding
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.markup import badge
 from jointbayes.report.model import Lights, Paragraph, Table
@@ -479,8 +478,8 @@ def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(unc
 def test_a_limit_under_other_premises_is_the_more_cautious_of_draws_and_likelihood(
     cheap_posterior, monkeypatch, side, limit, by_likelihood, printed
 ):
-    finding = Finding(f"bounded {side}", "the prior limits it", limit, 1e4)
-    monkeypatch.setattr(uncertain_inputs, "found_with_wider_priors", lambda *_: finding)
+    found = (f"bounded {side}", "the prior limits it", (limit, 1e4))
+    monkeypatch.setattr(uncertain_inputs, "found_with_wider_priors", lambda *given: given[3].judge(*found))
     (quantity,) = (one for one in cheap_posterior.problem.quantities if one.name == "k22")
     region = SimpleNamespace(limits=lambda *_: ((math.nan, math.nan), (by_likelihood, by_likelihood)))
     values = cheap_posterior.values("k22").ravel()

@@ -215,10 +215,8 @@ def _with_common_errors(problem: Problem, theta: Array) -> Problem:
 
 def _carried_over(problem: Problem, theta: Array, other: Problem) -> Array:
     """The same joint as a point of another problem of it; what is uncertain there alone at the middle of its prior."""
-    known, moved = dict(zip(problem.names, theta, strict=True)), other.prior.mean.copy()
-    for place, name in enumerate(other.names):
-        moved[place] = known.get(name, moved[place])
-    return moved
+    known = dict(zip(problem.names, theta, strict=True))
+    return np.array([known.get(name, middle) for name, middle in zip(other.names, other.prior.mean, strict=True)])
 
 
 def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[[], Sequence[PredictiveCheck]]) -> str:

@@ -139,6 +139,10 @@ class Identifiability:
     printed95: tuple[float, float] = NO_ENDS
     exact: ExactInputs | None = None
 
+    def judge(self, verdict: Verdict, reason: str, limit: tuple[float, float] = NO_ENDS) -> "Identifiability":
+        """The same with another verdict than its draws', and with a one-sided limit and its error where it has one."""
+        return replace(self, verdict=verdict, verdict_reason=reason, limit95=limit[0], limit95_error=limit[1])
+
     def with_exact(self, exact: ExactInputs | None) -> "Identifiability":
         """The same with what it takes as exact, where it says anything."""
         return replace(self, exact=None if self.verdict in ("no verdict", "not identified") else exact)

@@ -51,7 +51,7 @@ from jointbayes.posterior.identifiability import (
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.next_step import NextStep
-from jointbayes.posterior.verdicts import Finding, by_likelihood, concluded, found_with_wider_priors, judge_stiffness
+from jointbayes.posterior.verdicts import by_likelihood, concluded, found_with_wider_priors, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.posterior.widened import WidenedPosterior, replace_prior
 from jointbayes.posterior.wider_draws import ENOUGH_FOR_CLASS, widen
@@ -262,15 +262,14 @@ def _judged(
 ) -> Identifiability:
     """One stiffness by its draws, those under wider priors, and of one that is bounded by the likelihood."""
     name, error = quantity.name, partial(quantile_spread, values, effective=effective)
-    drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
-    finding = Finding(drawn.verdict, drawn.verdict_reason)
+    finding = drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
     if name in posterior.solutions.split:
-        finding = Finding("not identified", "several solutions")
+        finding = drawn.judge("not identified", "several solutions")
     elif wider is not None:
         finding = found_with_wider_priors(posterior, wider, name, drawn, values, error)
     if math.isfinite(finding.limit95):  # which no volume of a prior moves
-        finding = by_likelihood(posterior, region, name, drawn, finding)
-    return concluded(drawn, finding, explained=posterior.check.explains)
+        finding = by_likelihood(posterior, region, name, finding)
+    return concluded(finding, explained=posterior.check.explains)
 
 
 class _Part:

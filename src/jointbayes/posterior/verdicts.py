@@ -14,7 +14,7 @@ limit have chosen the verdict as well, so that among joints with one verdict mor
 import math
 import textwrap
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,7 +23,6 @@ from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
-    NO_ENDS,
     Error,
     Identifiability,
     Verdict,
@@ -76,18 +75,6 @@ def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """What is found of a stiffness beyond what its draws say, by the names that `Identifiability` has for it."""
-
-    verdict: Verdict
-    verdict_reason: str
-    limit95: float = math.nan
-    limit95_error: float = math.nan
-    likelihood95: tuple[float, float] = NO_ENDS
-    printed95: tuple[float, float] = NO_ENDS
-
-
 def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
     """Median, interval with errors, and verdict of one stiffness or other quantity.
 
@@ -107,22 +94,21 @@ def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
     finding = _found(posterior, name, drawn, error)
     if finding.verdict not in ("no verdict", "identified") and name in posterior.stiffness_names:
-        finding = by_likelihood(posterior, lambda: posterior.likelihood_region, name, drawn, finding)
+        finding = by_likelihood(posterior, lambda: posterior.likelihood_region, name, finding)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
         finding = replace(finding, verdict_reason=f"{finding.verdict_reason}; {narrow}")
-    return concluded(drawn, finding, explained=posterior.check.explains)
+    return concluded(finding, explained=posterior.check.explains)
 
 
-def concluded(drawn: Identifiability, finding: Finding, *, explained: bool) -> Identifiability:
-    """What draws say of a stiffness, with what was found, and whether it stands under the model being right."""
-    conditional = finding.verdict not in ("no verdict", "not identified") and not explained
-    if conditional:
-        finding = replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}")
-    return replace(drawn, **asdict(finding), if_model_right=conditional)
+def concluded(finding: Identifiability, *, explained: bool) -> Identifiability:
+    """What is found of a stiffness, under the model being right where it does not explain the data."""
+    if explained or finding.verdict in ("no verdict", "not identified"):
+        return finding
+    return replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}", if_model_right=True)
 
 
-def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Finding:
+def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Identifiability:
     """What the draws say, after a look at all that may stand against it."""
     reasons, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
     if mesh is not None and mesh.moves(name):
@@ -130,12 +116,12 @@ def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Er
     if reasons:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
-        return Finding("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
+        return drawn.judge("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
     if solutions := posterior.solutions.reason(name):
-        return Finding("not identified", solutions)
+        return drawn.judge("not identified", solutions)
     if name in posterior.stiffness_names and posterior.widened is not None:
         return found_with_wider_priors(posterior, posterior.widened, name, drawn, posterior.values(name), error)
-    return Finding(drawn.verdict, drawn.verdict_reason)
+    return drawn
 
 
 def line_of(name: str, assessment: Identifiability) -> str:
@@ -173,7 +159,7 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
 
 def found_with_wider_priors(
     posterior: AnyPosterior, wide: WidenedPosterior, name: str, drawn: Identifiability, values: Array, error: Error
-) -> Finding:
+) -> Identifiability:
     """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
 
     Parameters
@@ -195,27 +181,29 @@ def found_with_wider_priors(
     beyond = wide.prior.values(wide.theta)[:, place]
     wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
     if not wide.reliable:
-        return Finding("not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle")
+        return drawn.judge("not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle")
     low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
     below, above = float((beyond < low).mean()), float((beyond > high).mean())
     if below > BEYOND and above > BEYOND:
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return Finding("not identified", f"{both} limit it on both sides")
+        return drawn.judge("not identified", f"{both} limit it on both sides")
     if below > BEYOND or above > BEYOND:
-        return _bounded(posterior, name, wider.verdict, "upper" if above > BEYOND else "lower", values, error)
+        return _bounded(posterior, name, drawn, wider.verdict, "upper" if above > BEYOND else "lower", values, error)
     if not _holds(drawn.interval95, wider.median):
         ends = [*drawn.interval95, *wider.interval95]
         verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), drawn.contraction)
         moved = f"its median goes from {rounded(drawn.median)} to {rounded(wider.median)} with {_WIDER}"
-        return Finding(verdict, f"rests on the prior: {moved}")
+        return drawn.judge(verdict, f"rests on the prior: {moved}")
     if _same_verdict(drawn, wider, beyond, wide.effective):
-        return Finding(drawn.verdict, drawn.verdict_reason)
+        return drawn
     which = "default priors" if posterior.has_default_prior(name) else "priors as stated"
     worst = min(drawn.verdict, wider.verdict, key=lambda either: CERTAINTY.get(either, 0))
-    return Finding(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
+    return drawn.judge(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
 
 
-def _bounded(posterior: AnyPosterior, name: str, wider: Verdict, side: Side, values: Array, error: Error) -> Finding:
+def _bounded(
+    posterior: AnyPosterior, name: str, drawn: Identifiability, wider: Verdict, side: Side, values: Array, error: Error
+) -> Identifiability:
     """What the draws say of a stiffness that a bound of its prior holds: a 95 % limit to the other side.
 
     Draws that exclude next to nothing of the prior's draws give none.
@@ -226,14 +214,14 @@ def _bounded(posterior: AnyPosterior, name: str, wider: Verdict, side: Side, val
     limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
-        return Finding("not identified", f"{reason}, and the data exclude only {100 * excluded:.0f} % of the prior")
+        return drawn.judge("not identified", f"{reason}, and the data exclude only {100 * excluded:.0f} % of the prior")
     reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
-    return Finding("bounded below" if side == "upper" else "bounded above", reason, limit, error(_LIMIT[side]))
+    return drawn.judge("bounded below" if side == "upper" else "bounded above", reason, (limit, error(_LIMIT[side])))
 
 
 def by_likelihood(
-    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, drawn: Identifiability, finding: Finding
-) -> Finding:
+    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, finding: Identifiability
+) -> Identifiability:
     """The finding with what is printed: at each end the more cautious of what the draws and what the likelihood say.
 
     A limit that excludes next to nothing of the prior by the likelihood is none. `region` gives the joints that fit
@@ -245,9 +233,9 @@ def by_likelihood(
     fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
     at95, (low, high) = region().limits(index, fall, FALL_PRINTED)
     if not bounded:
-        ends = min(drawn.interval95[0], low), max(drawn.interval95[1], high)
-        if finding.verdict_reason == drawn.verdict_reason:
-            _, reason = verdict_by_rule(drawn.ratio, drawn.contraction, ratio_of(ends))
+        ends = min(finding.interval95[0], low), max(finding.interval95[1], high)
+        if finding.verdict_reason == verdict_by_rule(finding.ratio, finding.contraction)[1]:  # that of the draws
+            _, reason = verdict_by_rule(finding.ratio, finding.contraction, ratio_of(ends))
             finding = replace(finding, verdict_reason=reason)
         return replace(finding, likelihood95=at95, printed95=ends)
     low, high = min(finding.limit95, low), max(finding.limit95, high)
@@ -257,9 +245,8 @@ def by_likelihood(
     if excluded >= LEAST_EXCLUDED:
         return replace(finding, likelihood95=at95, printed95=ends)
     few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-    return by_likelihood(
-        posterior, region, name, drawn, Finding("not identified", f"{finding.verdict_reason}, and {few}")
-    )
+    finding = finding.judge("not identified", f"{finding.verdict_reason}, and {few}")
+    return by_likelihood(posterior, region, name, finding)
 
 
 _DEFAULT = "the default range, "
