@@ -20,7 +20,6 @@ from jointbayes.posterior.knowledge import (
     KeptKnowledge,
     UncertainInputsRow,
     assumed_beyond,
-    assumed_words,
     effect_of_uncertain_inputs,
     effect_sentence,
     inputs_taken_as_exact,
@@ -424,9 +423,11 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
 
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
-    assert assumed_words(jb.case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 3 %"
+    case = jb.case_from_text("cheap", cheap_text())
+    assert assumed_beyond(case.problem, case.workshop_problem)[0] == "Young's modulus to 3 %"
     monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
-    assert assumed_words(jb.case_from_text("cheap", cheap_text()).workshop_problem)[0] == "Young's modulus to 4 %"
+    case = jb.case_from_text("cheap", cheap_text())
+    assert assumed_beyond(case.problem, case.workshop_problem)[0] == "Young's modulus to 4 %"
 
 
 @pytest.fixture(scope="module")

@@ -361,18 +361,11 @@ class _Part:
 
 
 def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
-    """The words of `assumed_words` for what is uncertain in `freed` alone."""
+    """How well each quantity that is uncertain in `freed` alone is taken to be known, in words, from its very prior."""
     if freed is None:
         return ()
-    already_uncertain = uncertain_quantities(problem)
-    words = zip(uncertain_quantities(freed), assumed_words(freed), strict=True)
-    return tuple(word for name, word in words if name not in already_uncertain)
-
-
-def assumed_words(freed: Problem) -> tuple[str, ...]:
-    """How well each quantity is taken to be known, in words, from the very priors that were used."""
-    names = uncertain_quantities(freed)
-    return tuple(_prior_words(n) for n in freed.prior.nuisances if n.name in names)
+    beyond = taken_as_exact(problem, freed)
+    return tuple(_prior_words(nuisance) for nuisance in freed.prior.nuisances if nuisance.name in beyond)
 
 
 def _prior_words(nuisance: Nuisance) -> str:

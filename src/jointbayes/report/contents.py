@@ -55,7 +55,8 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build the report: the answer first, then what bears it out, then the appendix."""
     synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
     pages, more = [], []
-    shown = _shown_test(inputs)
+    worst = worst_test(inputs.summary)  # whose data the pages show
+    shown = next(test for test in inputs.tests if test.summary is worst)
     shared = share_pages([_blocks(sections, inputs, of_data, shown) for _, _, sections, of_data in PAGES])
     for (identifier, title, *_), (page, rest) in zip(PAGES, shared, strict=True):
         pages += [ReportSection(identifier, title, page)] if page else []
@@ -75,12 +76,6 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         version=inputs.posterior.record.versions["jointbayes"],
     )
     return with_guides(report)
-
-
-def _shown_test(inputs: ReportInputs) -> TestInputs:
-    """The test whose data the pages show: of several the one that the model explains worst."""
-    worst = worst_test(inputs.summary)
-    return next(test for test in inputs.tests if test.summary is worst)
 
 
 def _blocks(

@@ -202,7 +202,8 @@ def draw_corner(
             axes.remove()
             continue
         if i == j:
-            _prior_line(axes, prior[:, i])
+            # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
+            axes.stairs(*np.histogram(prior[:, i], bins=60, density=True), color="0.35", lw=1, ls=":")
         _mark(axes, j, i, mode, _ORANGE, "-", "o")
         if published is not None:
             _mark(axes, j, i, published, _GREEN, "--", "s")
@@ -229,12 +230,6 @@ def _range(values: Array, reference: float | None) -> tuple[float, float]:
         low, high = min(low, reference), max(high, reference)
     margin = 0.08 * (high - low)
     return float(low - margin), float(high + margin)
-
-
-def _prior_line(axes: Axes, prior: Array) -> None:
-    # bins as wide as the prior needs, not as narrow as the posterior: its density is smooth on that scale
-    density, edges = np.histogram(prior, bins=60, density=True)
-    axes.stairs(density, edges, color="0.35", lw=1, ls=":")
 
 
 def _mark(axes: Axes, column: int, row: int, point: Array, colour: str, style: str, marker: str) -> None:

@@ -66,7 +66,10 @@ def render_html(report: Report) -> str:
         table_number=count(1).__next__,
         styles=[Markup(text) for text in styles],
         scripts=[Markup(text) for text in scripts],
-        policy=_policy(styles, scripts),
+        policy=(
+            f"default-src 'none'; script-src {_hashes(scripts)}; style-src {_hashes(styles)}; "
+            "img-src data:; base-uri 'none'; form-action 'none'"
+        ),
     )
 
 
@@ -81,14 +84,6 @@ def _template() -> jinja2.Template:
 
 def _asset(name: str) -> str:
     return files("jointbayes.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _policy(styles: list[str], scripts: list[str]) -> str:
-    return (
-        "default-src 'none'; "
-        f"script-src {_hashes(scripts)}; style-src {_hashes(styles)}; "
-        "img-src data:; base-uri 'none'; form-action 'none'"
-    )
 
 
 def _hashes(texts: list[str]) -> str:
