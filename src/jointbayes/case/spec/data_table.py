@@ -780,16 +780,6 @@ class NaturalFrequenciesSpec(DataTable):
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
 
-def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
-    """The table of data that a stated truth makes."""
-    return data if isinstance(data, SyntheticFrfSpec) else None
-
-
-def files_table(data: DataTable) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
-    """The table of data that are in measurement files."""
-    return data if isinstance(data, MeasuredFrfSpec | MeasuredFrequenciesSpec) else None
-
-
 DataSpec = Annotated[
     SyntheticFrfSpec | NaturalFrequenciesSpec | ModesSpec | MeasuredFrfSpec | MeasuredFrequenciesSpec,
     Field(discriminator="kind", description="the data: their kind and what belongs to it"),

@@ -10,7 +10,7 @@ be possible with what another one says.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,13 +23,10 @@ from jointbayes.case.spec.data_table import (
     MeasuredFrfSpec,
     MeasuredSpec,
     SyntheticFrfSpec,
-    files_table,
-    synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, ListOf, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.prior_tables import (
     JointSpec,
-    ModelErrorSpec,
     NamedJointSpec,
     NamedStiffnessSpec,
     PriorsSpec,
@@ -66,358 +63,6 @@ from jointbayes.joint.quantities import prefixed
 
 if TYPE_CHECKING:
     from jointbayes.joint import Joint, Parametrisation
-
-
-_SUPPORTS = "structure", "supports"
-_FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
-
-
-def dof_findings(
-    structure: StructureBase,
-    joints: Mapping[str, JointSpec],
-    data: DataSpec,
-    plan: PlanSpec,
-    elsewhere: frozenset[str] = frozenset(),
-) -> Iterator[Finding]:
-    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for.
-
-    DOFs `elsewhere` are those of measured bodies.
-    """
-    labelled: dict[KeyPath, tuple[str, ...]] = {}
-    for name, joint in joints.items():
-        place = joint_table(name)
-        labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
-    free = structure.free_dofs
-    for key_path, count in data.least_modes.items():
-        refined = structure.spans is None and getattr(structure, "element", "") == "converged"  # as far as it takes
-        if count > free and not refined:
-            remedy = "raise structure.elements" if structure.spans else "remove the highest"
-            yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
-    labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
-    labelled[_SUPPORTS] = structure.supports
-    yield from _immovable_dofs(structure, labelled, elsewhere)
-    if (files := files_table(data)) is not None:
-        yield from _channel_findings(structure, files)
-
-
-def _immovable_dofs(
-    structure: StructureBase, labelled: Mapping[KeyPath, Sequence[str]], elsewhere: frozenset[str] = frozenset()
-) -> Iterator[Finding]:
-    """Yield DOFs, by their keys, that neither the structure nor a measured body has, or that cannot move."""
-    for loc, i, label in ((loc, i, label) for loc, labels in labelled.items() for i, label in enumerate(labels)):
-        absent = None if label in elsewhere else structure.absent(label)
-        if absent is not None:
-            yield Finding((*loc, i), *absent)
-        elif label in structure.supports and loc != _SUPPORTS:
-            fault = f'"{label}" is held fixed by structure.supports'
-            yield Finding((*loc, i), fault, "a DOF that can move", "choose another or free this one")
-
-
-def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[Finding]:
-    """Yield masses that are counted twice or at a rotation, and rotations of a structure without such points."""
-    for name, channel in data.channels.items():
-        loc = ("data", "channels", name)
-        if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
-            fault = "accelerometer_mass_g is given here and in [structure]"
-            expected = "the mass taken out of the data or put into the model, not both"
-            yield Finding((*loc, "accelerometer_mass_g"), fault, expected, "remove one of the two")
-        if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
-            fault = f'found a mass at "{channel.label}", a rotation'
-            yield Finding((*loc, "accelerometer_mass_g"), fault, "a mass at a translation", "remove it")
-    if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
-        fault = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
-        expected = "the mass of a roving sensor at its channels, to be taken out of the data"
-        yield Finding(
-            ("data", "accelerometers"), fault, expected, "move the mass to accelerometer_mass_g of the channels"
-        )
-    rotations = getattr(data, "rotations", {})
-    if rotations and structure.spans is None:
-        fault = f'found rotations in a structure of kind = "{structure.kind}"'
-        yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
-        return
-    for label, rotation in rotations.items():
-        loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
-        nodes = [int(station.split(":")[0]) for station in rotation.stations]
-        steps = {b - a for a, b in itertools.pairwise(nodes)}
-        if len(steps) != 1 or 0 in steps or max(nodes) > last:
-            fault = f"found nodes {', '.join(map(str, nodes))}"
-            expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
-            yield Finding((*loc, "stations"), fault, expected, "correct the stations")
-        if (words := structure.absent(label)) is not None:
-            yield Finding(loc, *words)
-
-
-def assembly_findings(levels: Mapping[str, float | None], joints: Mapping[str, JointSpec]) -> Iterator[Finding]:
-    """Yield that there is nothing that scatters: no joint of the tests' own, or no two tests of one level."""
-    if not any(joint.own for joint in joints.values()):
-        fault, remedy = "found no joint that is each test's own", "add own = true to [joint]"
-    elif len(set(levels.values())) == len(levels):
-        fault = f"found {len(levels)} tests{' at as many levels' if len(levels) > 1 else ''}"
-        remedy = "add an assembly, or remove [assembly]"
-    else:
-        return
-    yield Finding(("assembly",), fault, "two assemblies at least of one joint, alike but for the assembling", remedy)
-
-
-def level_findings(level: LevelSpec | None, levels: Mapping[str, float | None]) -> Iterator[Finding]:
-    """Yield levels of nothing that is named, of some tests only, or all alike."""
-    given = [name for name, value in levels.items() if value is not None]
-    if given and level is None:
-        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
-        yield Finding(("tests", given[0], "level"), fault, expected, "add a table [level]")
-    elif level is not None and (len(given) < len(levels) or not levels):
-        without = next((name for name, value in levels.items() if value is None), "")
-        fault = f"found no level of test {without}" if without else "found no tests"
-        yield Finding(("level",), fault, "a level in the table of each test", "add level = 2.0 or remove [level]")
-    elif given and len({levels[name] for name in given}) < 2:
-        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
-        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
-
-
-def joints_findings(
-    lone: JointSpec | None, joints: Mapping[str, NamedJointSpec], priors: PriorsSpec | None
-) -> Iterator[Finding]:
-    """Yield what is wrong between several joints: names, priors, and quantities shared between unlike ones."""
-    if not joints:
-        return
-    if lone is not None:
-        yield Finding(("joint",), "found [joint] and [joints]", "one joint or several", "move [joint] to [joints.NAME]")
-    if priors is not None:
-        expected = "the priors of several joints in their tables, as [joints.left.prior.k11]"
-        yield Finding(("prior",), "found [prior] with [joints]", expected, "move each to the table of its joint")
-    for name, joint in joints.items():
-        place = ("joints", name)
-        if joint.shared is not None:
-            yield from _sharing_findings(name, joint, joints)
-        elif joint.prior is not None:
-            yield from prior_findings(joint, joint.prior, (*place, "prior"))
-
-
-def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, NamedJointSpec]) -> Iterator[Finding]:
-    """Yield a joint that shares the quantities of an unlike one, or states what that one does."""
-    loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
-    if other is not None and (unlike := joint.unlike(other)):
-        fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
-        yield Finding(
-            loc,
-            fault,
-            "a joint of the same kind, directions, parametrisation and damping",
-            "make them alike or remove it",
-        )
-    for what in ("prior", "initial"):
-        if getattr(joint, what) is not None:
-            fault = f'found a {what} with shared = "{joint.shared}"'
-            yield Finding(("joints", name, what), fault, f"the {what} of {joint.shared} alone", "remove it")
-
-
-def stiffness_names_findings(
-    loc: KeyPath, spec: NamedStiffnessSpec, quantities: Sequence[str], *, lone_pair: bool
-) -> Iterator[Finding]:
-    """Yield stiffnesses of a truth, or published ones, that are others than the joints have."""
-    if spec.stiffness is None:
-        if not lone_pair:
-            fault, remedy = "k11, k12 and k22 of a coupled pair", f"write [{'.'.join(map(str, loc))}.stiffness]"
-            yield Finding(loc, fault, f"a table stiffness with {', '.join(quantities)}", remedy)
-        return
-    stated = spec.stiffness_by_name
-    for name in (*[n for n in stated if n not in quantities], *[n for n in quantities if n not in stated]):
-        fault = f'found "{name}"' if name in stated else f"found no {name}"
-        yield Finding(
-            (*loc, "stiffness"), fault, f"one number for each of {', '.join(quantities)}", "correct the names"
-        )
-
-
-def prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...] = ("prior",)) -> Iterator[Finding]:
-    """Yield priors that the parametrisation of the joint lacks or has no use for."""
-    needed, parametrisation = [axis.name for axis in joint.coordinates], joint.parametrisation
-    given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
-    missing = [name for name in needed if name not in given]
-    for name in sorted(given.difference(needed)):
-        fault, other = f'there is no {name} with joint.parametrisation = "{parametrisation}"', None
-        if joint.kind == "coupled":
-            other = next((key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes}), None)
-        else:
-            fault = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
-        remedy = "remove it"
-        if missing:
-            meant = missing.pop(-1 if other else 0)
-            swap = f'replace it by {meant} or write parametrisation = "{other}"'
-            remedy = swap if other else f"rename it to {show_key((*at, meant))}"
-        yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", remedy)
-    yield from (Finding((*at, name), missing=True) for name in missing)
-
-
-# Why natural frequencies say nothing about a quantity.
-_UNSEEN = {
-    "damping_ratio": "undamped natural frequencies do not depend on the damping",
-    "loss_factor": "undamped natural frequencies do not depend on the damping",
-    "accelerometer_mass": "natural frequencies come without measured DOFs, so the accelerometers are nowhere",
-    "gain": "natural frequencies do not depend on the gain",
-}
-
-
-def uncertain_findings(uncertain: UncertainSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
-    """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
-    mass = structure.accelerometer_mass_g
-    yield from _foreign_quantities(uncertain, structure)
-    if uncertain.length and uncertain.length.sd_mm and structure.stated.get("length", ("mm",))[0] != "mm":
-        expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
-        fault = "found one factor for bodies of different lengths"
-        yield Finding(("uncertain", "length", "sd_mm"), fault, expected, "choose one of the two")
-    if not data.frfs:
-        seen = data.depends_on
-        if mass > 0 and "accelerometer_mass" not in seen:
-            fault = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
-            yield Finding(("structure", "accelerometer_mass_g"), fault, f"0, or {_FRF_ONLY}", "remove it")
-        for name in uncertain.given:
-            if name in _UNSEEN and name not in seen:
-                yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
-        if "damping_ratio" in seen:
-            yield from _damping_findings(uncertain, structure)
-        return
-    yield from _damping_findings(uncertain, structure)
-    translations = [label for label in data.loaded if ":r" not in label]
-    if mass > 0 and not translations:
-        fault = f"found {mass!r}, but data.outputs holds rotations only"
-        yield Finding(("structure", "accelerometer_mass_g"), fault, "0, or a measured translation", "remove it")
-    if uncertain.accelerometer_mass and mass == 0:
-        fault = "factor on structure.accelerometer_mass_g, which is 0"
-        remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
-        yield Finding(("uncertain", "accelerometer_mass"), fault, "a mass above 0", remedy)
-
-
-# Uncertain quantities that are no structure's, or are judged by the damping law.
-_OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "gain"}
-
-
-def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
-    """Yield uncertain quantities that a structure of this kind, or with these bodies, does not have."""
-    offered = structure.stated
-    for name in uncertain.given:
-        if name not in offered and name not in _OF_NO_STRUCTURE:
-            fault = f'a structure of kind = "{structure.kind}" without this quantity'
-            if name.rpartition(".")[2] == "length" and structure.kind == "frame":
-                fault = "a body with members in several directions, offsets or inertias at points, or no such body"
-            if name.rpartition(".")[2] == "axial_force":
-                fault = "factor on axial_force_n, which is 0 or of no such body"
-            expected = f"one of {listed([*offered, *sorted(_OF_NO_STRUCTURE)])}"
-            yield Finding(quantity_table(name), fault, expected, "remove it or correct the name of the body")
-
-
-def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
-    """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
-    damping = structure.damping
-    for name, law in (("damping_ratio", "modal"), ("loss_factor", "loss_factor")):
-        prior, values = getattr(uncertain, name), damping.values.get(name)
-        if prior is None or values == ():  # ratios to be measured are above 0 once they are known
-            continue
-        loc, expected = ("uncertain", name), f'law = "{law}" with a {name.replace("_", " ")} above 0'
-        if values is None:
-            fault, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
-            if damping.law == "rayleigh":
-                fault += ", and uncertain Rayleigh damping is not offered"
-            yield Finding(loc, fault, expected, f"{remedy} or change the law")
-        elif min(values) == 0:
-            fault = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
-            yield Finding(loc, fault, expected, "state a value above 0 to which the factor applies")
-        elif name == "damping_ratio" and prior.high_factor and max(values) * prior.high_factor >= 1:
-            fault = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
-            remedy = f"lower high_factor below {1 / max(values):.6g}"
-            yield Finding((*loc, "high_factor"), fault, "a factor that leaves the damping ratio below 1", remedy)
-
-
-def truth_findings(structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
-    """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
-    if structure.damping.measured and files_table(data) is None:
-        fault = f'found "measured" with data of kind = "{data.kind}"'
-        remedy = "state the ratio: ratio = 0.01"
-        expected = 'data of kind = "measured_frf" or "measured_frequencies"'
-        yield Finding(("structure", "damping", "ratio"), fault, expected, remedy)
-    if (made := synthetic_table(data)) is None:
-        return
-    truth = made.truth
-    for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
-        offered = name in structure.stated and (name != "length" or structure.spans is not None)
-        if getattr(truth, key) is not None and not offered:
-            fault = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
-            yield Finding(("data", "truth", key), fault, "the structure as it is analysed", "remove it")
-    if truth.damping_ratio is not None and structure.damping.law != "modal":
-        fault = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
-        yield Finding(("data", "truth", "damping_ratio"), fault, 'law = "modal"', "remove it or change the law")
-
-
-def noise_findings(noise: NoiseModelSpec, model_error: ModelErrorSpec | None, data: DataSpec) -> Iterator[Finding]:
-    """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
-    if data.frfs:
-        if model_error is not None and synthetic_table(data) is not None:
-            fault = "found the model's errors in modes, where the data are computed FRFs"
-            yield Finding(
-                quantity_table("model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it"
-            )
-        return
-    if model_error is not None and noise.scale != "known":
-        fault = f'found "{noise.scale}" with [uncertain.model_error], whose errors would take up the same misfit'
-        yield Finding(("noise", "scale"), fault, '"known"', "remove one of the two")
-    reasons = {
-        "residuals": "but natural frequencies have neither magnitude nor phase",
-        "distribution": "which is offered for FRFs only",
-    }
-    for key, reason in reasons.items():
-        value = getattr(noise, key)
-        if value != NoiseModelSpec.model_fields[key].default:
-            shown = f'"{value}"' if isinstance(value, str) else "it"
-            yield Finding(("noise", key), f"found {shown}, {reason}", _FRF_ONLY, "remove it")
-
-
-def left_out_findings(
-    left_out: LeftOutSpec, data: DataSpec, noise: NoiseModelSpec, tests: Sequence[str], joints: Iterable[JointSpec]
-) -> Iterator[Finding]:
-    """Yield what cannot be left out: modes of FRFs, lines of modes, tests that are none, all, or have own joints."""
-    key, other, what = ("modes", "bands_hz", "FRFs") if data.frfs else ("bands_hz", "modes", "modes")
-    if getattr(left_out, key):
-        yield Finding(("left_out", key), f"found it for data that are {what}", other, "write that, or remove it")
-    if noise.scale == "integrated" and (left_out.modes or left_out.bands_hz or left_out.tests):
-        fault = 'found data to be predicted with noise of scale = "integrated"'
-        yield Finding(("left_out",), fault, '"known" or "sampled"', 'write scale = "sampled"')
-    if left_out.tests and (set(tests) <= set(left_out.tests) or not set(left_out.tests) <= set(tests)):
-        fault, expected = f"found {listed(left_out.tests)}", f"some of {listed(tests) or 'several tests'}, not all"
-        yield Finding(("left_out", "tests"), fault, expected, "correct the names")
-    elif left_out.tests and any(joint.own for joint in joints):
-        fault = "found tests with joints of their own, of which the others say nothing"
-        yield Finding(("left_out", "tests"), fault, "joints that tests share", "remove it")
-
-
-def plan_findings(plan: PlanSpec, data: DataSpec) -> Iterator[Finding]:
-    """Yield keys of FRFs beside modes, and a wider band that is not wider or has none to widen."""
-    if not data.frfs:
-        for key in ("averages_factor", "f_max_hz", "added_mass_g"):
-            if key in plan.model_fields_set:
-                yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
-    elif plan.f_max_hz is not None:
-        if (made := synthetic_table(data)) is None:
-            fault = "the lines of a file are those that were measured"
-            yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
-        elif made.f_max_hz is None:
-            fault = "no band to widen, data.frequencies_hz is a list"
-            yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
-        elif plan.f_max_hz <= made.f_max_hz:
-            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
-
-
-def virtual_test_findings(test: VirtualTestSpec, structure: StructureBase, data: DataSpec) -> Iterator[Finding]:
-    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
-    if (made := synthetic_table(data)) is None:
-        if test != VirtualTestSpec():
-            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
-        return
-    loc = ("virtual_test", "extra_outputs")
-    yield from _immovable_dofs(structure, {loc: test.extra_outputs})
-    measured = frozenset(made.outputs)
-    for i, label in enumerate(test.extra_outputs):
-        if label in measured:
-            fault = f'"{label}" is one of data.outputs, which are measured anyway'
-            yield Finding((*loc, i), fault, "a further DOF", "remove it")
 
 
 _TITLE = key_field(
@@ -503,12 +148,12 @@ class CaseSpec(Spec):
     @property
     def synthetic(self) -> SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return synthetic_table(self.data)
+        return self.data if isinstance(self.data, SyntheticFrfSpec) else None
 
     @property
     def files(self) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
-        return files_table(self.data)
+        return self.data if isinstance(self.data, MeasuredFrfSpec | MeasuredFrequenciesSpec) else None
 
     @property
     def measured_labels(self) -> frozenset[str]:
@@ -587,95 +232,428 @@ class CaseSpec(Spec):
         BEFORE_OBJECTS.get()()
         yield from (
             list(self.structure.object_findings(("structure",)))
-            or list(dof_findings(self.structure, self.all_joints, self.data, self.plan, self.measured_labels))
+            or list(_dof_findings(self))
             or list(self.object_findings())
-            or list(self._table_findings())
+            or [finding for rule in _RULES for finding in rule(self)]
         )
 
-    def _table_findings(self) -> Iterator[Finding]:
-        yield from self._test_findings()
-        if self.joined and not self.all_joints:
-            yield Finding(("joint",), missing=True)
-            return
-        yield from self._body_findings()
-        yield from joints_findings(self.joint, self.joints, self.prior)
-        if self.prior is not None and self.joint is not None:
-            yield from prior_findings(self.joint, self.prior)
-        truth = self.synthetic.truth if self.synthetic else None
-        lone_pair = self.joint is not None and self.joint.kind == "coupled" and not self.joint.damping
-        named: dict[KeyPath, NamedStiffnessSpec | None] = {("data", "truth"): truth, ("reference",): self.reference}
-        for loc, stated in named.items():
-            if stated is not None and self.joined:
-                yield from stiffness_names_findings(loc, stated, self.all_quantities, lone_pair=lone_pair)
-        yield from uncertain_findings(self.uncertain, self.structure, self.data)
-        yield from truth_findings(self.structure, self.data)
-        yield from noise_findings(self.noise, self.uncertain.model_error, self.data)
-        yield from left_out_findings(self.left_out, self.data, self.noise, list(self.tests), self.all_joints.values())
-        yield from plan_findings(self.plan, self.data)
-        if self.reference is not None and any(joint.own for joint in self.all_joints.values()):
-            fault, expected = "found stiffnesses to compare with", "joints that are the same in all tests"
-            yield Finding(("reference",), fault, expected, "remove [reference]")
-        yield from virtual_test_findings(self.virtual_test, self.structure, self.data)
 
-    def _test_findings(self) -> Iterator[Finding]:
-        """Yield names of tests that are another thing's, levels of some only, and `own` in a case of one test."""
-        others = {"joint": set(self.joints), "body": {*self.bodies, *getattr(self.structure, "bodies", {})}}
-        for name in self.tests:
-            for what, names in others.items():
-                if name in names:
-                    fault = f"found the name of a {what}, so that {name}.k11 would be two things"
-                    yield Finding(("tests", name), fault, "a name of its own", "rename one of the two")
-        joined = {name: test for name, test in self.tests.items() if test.joined}
-        levels = {name: test.level for name, test in joined.items()}
-        yield from level_findings(self.level, levels)
-        if self.assembly is not None and self.joined:
-            yield from assembly_findings(levels, self.all_joints)
-        for name, proposed in self.plan.tests.items():
-            loc = ("plan", "tests", name)
-            if name in self.tests:
-                yield Finding(loc, "found the name of a present test", "a name of its own", "rename it")
-            if proposed.data is not None and self.data.kind != "synthetic_frf":
-                fault = f'found a table beside data of kind = "{self.data.kind}"'
-                expected = "a test that is measured as the present one"
-                yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
-        if not self.tests and not self.plan.tests:
-            owned = [
-                *(joint_table(name) for name, joint in self.all_joints.items() if joint.own),
-                *(quantity_table(name) for name, prior in self.uncertain.given.items() if prior.own),
-                *([("noise",)] if self.noise.own else []),
-                *([quantity_table("model_error")] if (error := self.uncertain.model_error) and error.own else []),
-            ]
-            for table in owned:
-                fault, expected = "found true in a case of one test", "several, as [tests.long]"
-                yield Finding((*table, "own"), fault, expected, "remove it")
+_SUPPORTS = "structure", "supports"
+_FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
-    def _body_findings(self) -> Iterator[Finding]:
-        """Yield what measured bodies cannot stand beside."""
-        owners: dict[str, str] = {}
-        for name, body in self.bodies.items():
-            for label in body.labels:
-                other, modelled = owners.setdefault(label, name), self.structure.absent(label) is None
-                if other != name or modelled:
-                    where = f"[bodies.{other}]" if other != name else "[structure]"
-                    fault = f'found "{label}", which is a DOF of {where} as well'
-                    yield Finding(("bodies", name, "channels"), fault, "labels of its own", "give it another point")
-            if body.propagate != next(iter(self.bodies.values())).propagate:
-                fault, expected = f"found {str(body.propagate).lower()}", "the same in all bodies"
-                yield Finding(("bodies", name, "propagate"), fault, expected, "change it")
-        if self.bodies:
-            yield from self._measured_body_findings()
 
-    def _measured_body_findings(self) -> Iterator[Finding]:
-        """Yield data and quantities that need modes, and joints between measured bodies alone without priors."""
-        beside = "beside a body that is given by its FRFs and has no modes"
-        if not (self.data.frfs and self.files):
-            fault = f'found "{self.data.kind}" {beside}'
-            yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
-        if self.structure.damping.measured:
-            expected = "damping ratios of the modelled structure by itself"
-            yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
-        for name, joint in self.stating_joints.items():
-            modelled = any(self.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
-            if joint.coordinates and self.priors_of(name) is None and not modelled:
-                expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
-                yield Finding(prior_table(name), "found no prior", expected, "state it")
+def _dof_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
+    structure, data, plan = case.structure, case.data, case.plan
+    labelled: dict[KeyPath, tuple[str, ...]] = {_SUPPORTS: structure.supports}
+    for name, joint in case.all_joints.items():
+        place = joint_table(name)
+        labelled |= {(*place, "dofs"): joint.dofs, (*place, "against"): joint.against}
+    free = structure.free_dofs
+    for key_path, count in data.least_modes.items():
+        refined = structure.spans is None and getattr(structure, "element", "") == "converged"  # as far as it takes
+        if count > free and not refined:
+            remedy = "raise structure.elements" if structure.spans else "remove the highest"
+            yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
+    labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
+    yield from _immovable_dofs(case, labelled)
+    if case.files is not None:
+        yield from _channel_findings(structure, case.files)
+
+
+def _immovable_dofs(case: CaseSpec, labelled: Mapping[KeyPath, Sequence[str]]) -> Iterator[Finding]:
+    """Yield DOFs, by their keys, that neither the structure nor a measured body has, or that cannot move."""
+    for loc, i, label in ((loc, i, label) for loc, labels in labelled.items() for i, label in enumerate(labels)):
+        absent = None if label in case.measured_labels else case.structure.absent(label)
+        if absent is not None:
+            yield Finding((*loc, i), *absent)
+        elif label in case.structure.supports and loc != _SUPPORTS:
+            fault = f'found "{label}", which is held fixed by structure.supports'
+            yield Finding((*loc, i), fault, "a DOF that can move", "choose another or free this one")
+
+
+def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[Finding]:
+    """Yield masses that are counted twice or at a rotation, and rotations of a structure without such points."""
+    for name, channel in data.channels.items():
+        loc = ("data", "channels", name)
+        if channel.accelerometer_mass_g > 0 and structure.accelerometer_mass_g > 0:
+            fault = "accelerometer_mass_g is given here and in [structure]"
+            expected = "the mass taken out of the data or put into the model, not both"
+            yield Finding((*loc, "accelerometer_mass_g"), fault, expected, "remove one of the two")
+        if channel.accelerometer_mass_g > 0 and ":r" in channel.label:
+            fault = f'found a mass at "{channel.label}", a rotation'
+            yield Finding((*loc, "accelerometer_mass_g"), fault, "a mass at a translation", "remove it")
+    if data.accelerometers == "roving" and structure.accelerometer_mass_g > 0:
+        fault = 'found "roving" with a mass in [structure], which the model carries at every measured DOF at once'
+        expected = "the mass of a roving sensor at its channels, to be taken out of the data"
+        yield Finding(
+            ("data", "accelerometers"), fault, expected, "move the mass to accelerometer_mass_g of the channels"
+        )
+    rotations = getattr(data, "rotations", {})
+    if rotations and structure.spans is None:
+        fault = f'found rotations in a structure of kind = "{structure.kind}"'
+        yield Finding(("data", "rotations"), fault, 'kind = "beam", whose points are evenly spaced', "remove it")
+        return
+    for label, rotation in rotations.items():
+        loc, last = ("data", "rotations", label), (structure.spans or 0) + 1
+        nodes = [int(station.split(":")[0]) for station in rotation.stations]
+        steps = {b - a for a, b in itertools.pairwise(nodes)}
+        if len(steps) != 1 or 0 in steps or max(nodes) > last:
+            fault = f"found nodes {', '.join(map(str, nodes))}"
+            expected = f"different nodes, evenly spaced in one direction, from 1 to {last}"
+            yield Finding((*loc, "stations"), fault, expected, "correct the stations")
+        if (words := structure.absent(label)) is not None:
+            yield Finding(loc, *words)
+
+
+def _test_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield names of tests that are another thing's, and `own` in a case of one test."""
+    others = {"joint": set(case.joints), "body": {*case.bodies, *getattr(case.structure, "bodies", {})}}
+    for name in case.tests:
+        for what, names in others.items():
+            if name in names:
+                fault = f"found the name of a {what}, so that {name}.k11 would be two things"
+                yield Finding(("tests", name), fault, "a name of its own", "rename one of the two")
+    for name, proposed in case.plan.tests.items():
+        loc = ("plan", "tests", name)
+        if name in case.tests:
+            yield Finding(loc, "found the name of a present test", "a name of its own", "rename it")
+        if proposed.data is not None and case.data.kind != "synthetic_frf":
+            fault = f'found a table beside data of kind = "{case.data.kind}"'
+            expected = "a test that is measured as the present one"
+            yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
+    if not case.tests and not case.plan.tests:
+        owned = [
+            *(joint_table(name) for name, joint in case.all_joints.items() if joint.own),
+            *(quantity_table(name) for name, prior in case.uncertain.given.items() if prior.own),
+            *([("noise",)] if case.noise.own else []),
+            *([quantity_table("model_error")] if (error := case.uncertain.model_error) and error.own else []),
+        ]
+        for table in owned:
+            fault, expected = "found true in a case of one test", "several, as [tests.long]"
+            yield Finding((*table, "own"), fault, expected, "remove it")
+
+
+def _level_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield levels of nothing that is named, of some tests only, or all alike; and assemblies where nothing scatters.
+
+    Nothing does without a joint of the tests' own, or without two tests of one level.
+    """
+    levels, level = {name: test.level for name, test in case.tests.items() if test.joined}, case.level
+    given = [name for name, value in levels.items() if value is not None]
+    if given and level is None:
+        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
+        yield Finding(("tests", given[0], "level"), fault, expected, "add a table [level]")
+    elif level is not None and (len(given) < len(levels) or not levels):
+        without = next((name for name, value in levels.items() if value is None), "")
+        fault = f"found no level of test {without}" if without else "found no tests"
+        yield Finding(("level",), fault, "a level in the table of each test", "add level = 2.0 or remove [level]")
+    elif given and len({levels[name] for name in given}) < 2:
+        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
+        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
+    if case.assembly is None or not case.joined:
+        return
+    fault, remedy = "", "add an assembly, or remove [assembly]"
+    if not any(joint.own for joint in case.all_joints.values()):
+        fault, remedy = "found no joint that is each test's own", "add own = true to [joint]"
+    elif len(set(levels.values())) == len(levels):
+        fault = f"found {len(levels)} tests{' at as many levels' if len(levels) > 1 else ''}"
+    if fault:
+        yield Finding(
+            ("assembly",), fault, "two assemblies at least of one joint, alike but for the assembling", remedy
+        )
+
+
+def _body_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield what measured bodies cannot stand beside: others of one DOF, and data and quantities that need modes."""
+    owners: dict[str, str] = {}
+    for name, body in case.bodies.items():
+        for label in body.labels:
+            other, modelled = owners.setdefault(label, name), case.structure.absent(label) is None
+            if other != name or modelled:
+                where = f"[bodies.{other}]" if other != name else "[structure]"
+                fault = f'found "{label}", which is a DOF of {where} as well'
+                yield Finding(("bodies", name, "channels"), fault, "labels of its own", "give it another point")
+        if body.propagate != next(iter(case.bodies.values())).propagate:
+            fault, expected = f"found {str(body.propagate).lower()}", "the same in all bodies"
+            yield Finding(("bodies", name, "propagate"), fault, expected, "change it")
+    if not case.bodies:
+        return
+    beside = "beside a body that is given by its FRFs and has no modes"
+    if not (case.data.frfs and case.files):
+        fault = f'found "{case.data.kind}" {beside}'
+        yield Finding(("data", "kind"), fault, 'kind = "measured_frf"', "write it so")
+    if case.structure.damping.measured:
+        expected = "damping ratios of the modelled structure by itself"
+        yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
+    for name, joint in case.stating_joints.items():
+        modelled = any(case.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
+        if joint.coordinates and case.priors_of(name) is None and not modelled:
+            expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
+            yield Finding(prior_table(name), "found no prior", expected, "state it")
+
+
+def _joint_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield joints that are stated twice or not at all, with other priors than theirs, or that share with unlike ones.
+
+    And stiffnesses of a truth, or published ones, that are others than the joints have.
+    """
+    if case.joined and not case.all_joints:
+        yield Finding(("joint",), missing=True)
+        return
+    if case.joints and case.joint is not None:
+        yield Finding(("joint",), "found [joint] and [joints]", "one joint or several", "move [joint] to [joints.NAME]")
+    if case.joints and case.prior is not None:
+        expected = "the priors of several joints in their tables, as [joints.left.prior.k11]"
+        yield Finding(("prior",), "found [prior] with [joints]", expected, "move each to the table of its joint")
+    for name, shared in case.joints.items():
+        if shared.shared is not None:
+            yield from _sharing_findings(name, shared, case.joints)
+    for name, joint in case.stating_joints.items():
+        if (priors := case.priors_of(name)) is not None:
+            yield from _prior_findings(joint, priors, prior_table(name))
+    lone_pair = case.joint is not None and case.joint.kind == "coupled" and not case.joint.damping
+    truth = case.synthetic.truth if case.synthetic else None
+    named: dict[KeyPath, NamedStiffnessSpec | None] = {("data", "truth"): truth, ("reference",): case.reference}
+    for loc, spec in named.items() if case.joined else ():
+        each = ", ".join(quantities := case.all_quantities)
+        if spec is not None and spec.stiffness is None and not lone_pair:
+            fault, remedy = "found k11, k12 and k22 of a coupled pair", f"write [{'.'.join(map(str, loc))}.stiffness]"
+            yield Finding(loc, fault, f"a table stiffness with {each}", remedy)
+        elif spec is not None and spec.stiffness is not None:
+            odd = [name for name in spec.stiffness_by_name if name not in quantities]
+            missing = [name for name in quantities if name not in spec.stiffness_by_name]
+            for fault in (*(f'found "{name}"' for name in odd), *(f"found no {name}" for name in missing)):
+                yield Finding((*loc, "stiffness"), fault, f"one number for each of {each}", "correct the names")
+    if case.reference is not None and any(joint.own for joint in case.all_joints.values()):
+        fault, expected = "found stiffnesses to compare with", "joints that are the same in all tests"
+        yield Finding(("reference",), fault, expected, "remove [reference]")
+
+
+def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, NamedJointSpec]) -> Iterator[Finding]:
+    """Yield a joint that shares the quantities of an unlike one, or states what that one does."""
+    loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
+    if other is not None and (unlike := joint.unlike(other)):
+        fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
+        yield Finding(
+            loc,
+            fault,
+            "a joint of the same kind, directions, parametrisation and damping",
+            "make them alike or remove it",
+        )
+    for what in ("prior", "initial"):
+        if getattr(joint, what) is not None:
+            fault = f'found a {what} with shared = "{joint.shared}"'
+            yield Finding(("joints", name, what), fault, f"the {what} of {joint.shared} alone", "remove it")
+
+
+def _prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...]) -> Iterator[Finding]:
+    """Yield priors that the parametrisation of the joint lacks or has no use for."""
+    needed, parametrisation = [axis.name for axis in joint.coordinates], joint.parametrisation
+    given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
+    missing = [name for name in needed if name not in given]
+    for name in sorted(given.difference(needed)):
+        fault, other = f'there is no {name} with joint.parametrisation = "{parametrisation}"', None
+        if joint.kind == "coupled":
+            other = next((key for key, axes in COORDINATES.items() if name in {axis.name for axis in axes}), None)
+        else:
+            fault = f'there is no {name} in a joint of kind = "{joint.kind}" at {", ".join(joint.dofs)}'
+        remedy = "remove it"
+        if missing:
+            meant = missing.pop(-1 if other else 0)
+            swap = f'replace it by {meant} or write parametrisation = "{other}"'
+            remedy = swap if other else f"rename it to {show_key((*at, meant))}"
+        yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", remedy)
+    yield from (Finding((*at, name), missing=True) for name in missing)
+
+
+# Why natural frequencies say nothing about a quantity.
+_UNSEEN = {
+    "damping_ratio": "undamped natural frequencies do not depend on the damping",
+    "loss_factor": "undamped natural frequencies do not depend on the damping",
+    "accelerometer_mass": "natural frequencies come without measured DOFs, so the accelerometers are nowhere",
+    "gain": "natural frequencies do not depend on the gain",
+}
+
+
+def _uncertain_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield uncertain quantities that the structure does not have or that the data cannot depend on."""
+    uncertain, structure, data = case.uncertain, case.structure, case.data
+    mass = structure.accelerometer_mass_g
+    yield from _foreign_quantities(uncertain, structure)
+    if uncertain.length and uncertain.length.sd_mm and structure.stated.get("length", ("mm",))[0] != "mm":
+        expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
+        fault = "found one factor for bodies of different lengths"
+        yield Finding(("uncertain", "length", "sd_mm"), fault, expected, "choose one of the two")
+    if not data.frfs:
+        seen = data.depends_on
+        if mass > 0 and "accelerometer_mass" not in seen:
+            fault = f"found {mass!r}, but {_UNSEEN['accelerometer_mass']}"
+            yield Finding(("structure", "accelerometer_mass_g"), fault, f"0, or {_FRF_ONLY}", "remove it")
+        for name in uncertain.given:
+            if name in _UNSEEN and name not in seen:
+                yield Finding(("uncertain", name), _UNSEEN[name], _FRF_ONLY, f"remove [uncertain.{name}]")
+        if "damping_ratio" in seen:
+            yield from _damping_findings(uncertain, structure)
+        return
+    yield from _damping_findings(uncertain, structure)
+    translations = [label for label in data.loaded if ":r" not in label]
+    if mass > 0 and not translations:
+        fault = f"found {mass!r}, but data.outputs holds rotations only"
+        yield Finding(("structure", "accelerometer_mass_g"), fault, "0, or a measured translation", "remove it")
+    if uncertain.accelerometer_mass and mass == 0:
+        fault = "factor on structure.accelerometer_mass_g, which is 0"
+        remedy = "write for example accelerometer_mass_g = 2.0 in [structure]"
+        yield Finding(("uncertain", "accelerometer_mass"), fault, "a mass above 0", remedy)
+
+
+# Uncertain quantities that are no structure's, or are judged by the damping law.
+_OF_NO_STRUCTURE = {"damping_ratio", "loss_factor", "gain"}
+
+
+def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
+    """Yield uncertain quantities that a structure of this kind, or with these bodies, does not have."""
+    offered = structure.stated
+    for name in uncertain.given:
+        if name not in offered and name not in _OF_NO_STRUCTURE:
+            fault = f'a structure of kind = "{structure.kind}" without this quantity'
+            if name.rpartition(".")[2] == "length" and structure.kind == "frame":
+                fault = "a body with members in several directions, offsets or inertias at points, or no such body"
+            if name.rpartition(".")[2] == "axial_force":
+                fault = "factor on axial_force_n, which is 0 or of no such body"
+            expected = f"one of {listed([*offered, *sorted(_OF_NO_STRUCTURE)])}"
+            yield Finding(quantity_table(name), fault, expected, "remove it or correct the name of the body")
+
+
+def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
+    """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
+    damping = structure.damping
+    for name, law in (("damping_ratio", "modal"), ("loss_factor", "loss_factor")):
+        prior, values = getattr(uncertain, name), damping.values.get(name)
+        if prior is None or values == ():  # ratios to be measured are above 0 once they are known
+            continue
+        loc, expected = ("uncertain", name), f'law = "{law}" with a {name.replace("_", " ")} above 0'
+        if values is None:
+            fault, remedy = f'structure.damping has law = "{damping.law}"', f"remove [uncertain.{name}]"
+            if damping.law == "rayleigh":
+                fault += ", and uncertain Rayleigh damping is not offered"
+            yield Finding(loc, fault, expected, f"{remedy} or change the law")
+        elif min(values) == 0:
+            fault = f"factor on structure.damping, where a {name.replace('_', ' ')} is 0"
+            yield Finding(loc, fault, expected, "state a value above 0 to which the factor applies")
+        elif name == "damping_ratio" and prior.high_factor and max(values) * prior.high_factor >= 1:
+            fault = f"found {prior.high_factor!r}, which takes the ratio {max(values)!r} to 1 or above"
+            remedy = f"lower high_factor below {1 / max(values):.6g}"
+            yield Finding((*loc, "high_factor"), fault, "a factor that leaves the damping ratio below 1", remedy)
+
+
+def _truth_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield a truth about damping ratios where the structure has none, and ratios to be measured without a file."""
+    structure, made = case.structure, case.synthetic
+    if structure.damping.measured and case.files is None:
+        fault = f'found "measured" with data of kind = "{case.data.kind}"'
+        remedy = "state the ratio: ratio = 0.01"
+        expected = 'data of kind = "measured_frf" or "measured_frequencies"'
+        yield Finding(("structure", "damping", "ratio"), fault, expected, remedy)
+    if made is None:
+        return
+    truth = made.truth
+    for name, key in (("youngs_modulus", "youngs_modulus_gpa"), ("density", "density_kg_m3"), ("length", "length_mm")):
+        offered = name in structure.stated and (name != "length" or structure.spans is not None)
+        if getattr(truth, key) is not None and not offered:
+            fault = f'no {name.replace("_", " ")} of its own in a structure of kind = "{structure.kind}"'
+            yield Finding(("data", "truth", key), fault, "the structure as it is analysed", "remove it")
+    if truth.damping_ratio is not None and structure.damping.law != "modal":
+        fault = f'damping ratio with law = "{structure.damping.law}" in structure.damping'
+        yield Finding(("data", "truth", "damping_ratio"), fault, 'law = "modal"', "remove it or change the law")
+
+
+def _noise_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield how residuals cannot be judged where the data are natural frequencies, or computed."""
+    noise, model_error = case.noise, case.uncertain.model_error
+    if case.data.frfs:
+        if model_error is not None and case.synthetic is not None:
+            fault = "found the model's errors in modes, where the data are computed FRFs"
+            yield Finding(
+                quantity_table("model_error"), fault, "measured FRFs, modes or natural frequencies", "remove it"
+            )
+        return
+    if model_error is not None and noise.scale != "known":
+        fault = f'found "{noise.scale}" with [uncertain.model_error], whose errors would take up the same misfit'
+        yield Finding(("noise", "scale"), fault, '"known"', "remove one of the two")
+    reasons = {
+        "residuals": "but natural frequencies have neither magnitude nor phase",
+        "distribution": "which is offered for FRFs only",
+    }
+    for key, reason in reasons.items():
+        value = getattr(noise, key)
+        if value != NoiseModelSpec.model_fields[key].default:
+            shown = f'"{value}"' if isinstance(value, str) else "it"
+            yield Finding(("noise", key), f"found {shown}, {reason}", _FRF_ONLY, "remove it")
+
+
+def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield what cannot be left out: modes of FRFs, lines of modes, tests that are none, all, or have own joints."""
+    left_out, tests = case.left_out, list(case.tests)
+    key, other, what = ("modes", "bands_hz", "FRFs") if case.data.frfs else ("bands_hz", "modes", "modes")
+    if getattr(left_out, key):
+        yield Finding(("left_out", key), f"found it for data that are {what}", other, "write that, or remove it")
+    if case.noise.scale == "integrated" and (left_out.modes or left_out.bands_hz or left_out.tests):
+        fault = 'found data to be predicted with noise of scale = "integrated"'
+        yield Finding(("left_out",), fault, '"known" or "sampled"', 'write scale = "sampled"')
+    if left_out.tests and (set(tests) <= set(left_out.tests) or not set(left_out.tests) <= set(tests)):
+        fault, expected = f"found {listed(left_out.tests)}", f"some of {listed(tests) or 'several tests'}, not all"
+        yield Finding(("left_out", "tests"), fault, expected, "correct the names")
+    elif left_out.tests and any(joint.own for joint in case.all_joints.values()):
+        fault = "found tests with joints of their own, of which the others say nothing"
+        yield Finding(("left_out", "tests"), fault, "joints that tests share", "remove it")
+
+
+def _plan_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield keys of FRFs beside modes, and a wider band that is not wider or has none to widen."""
+    plan, made = case.plan, case.synthetic
+    if not case.data.frfs:
+        for key in ("averages_factor", "f_max_hz", "added_mass_g"):
+            if key in plan.model_fields_set:
+                yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
+    elif plan.f_max_hz is not None:
+        if made is None:
+            fault = "the lines of a file are those that were measured"
+            yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
+        elif made.f_max_hz is None:
+            fault = "no band to widen, data.frequencies_hz is a list"
+            yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
+        elif plan.f_max_hz <= made.f_max_hz:
+            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
+            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
+
+
+def _virtual_test_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
+    test, made = case.virtual_test, case.synthetic
+    if made is None:
+        if test != VirtualTestSpec():
+            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
+        return
+    loc = ("virtual_test", "extra_outputs")
+    yield from _immovable_dofs(case, {loc: test.extra_outputs})
+    measured = frozenset(made.outputs)
+    for i, label in enumerate(test.extra_outputs):
+        if label in measured:
+            fault = f'"{label}" is one of data.outputs, which are measured anyway'
+            yield Finding((*loc, i), fault, "a further DOF", "remove it")
+
+
+#: Rules between tables that are each right by themselves.
+_RULES = (
+    _test_findings,
+    _level_findings,
+    _body_findings,
+    _joint_findings,
+    _uncertain_findings,
+    _truth_findings,
+    _noise_findings,
+    _left_out_findings,
+    _plan_findings,
+    _virtual_test_findings,
+)
