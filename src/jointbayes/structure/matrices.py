@@ -330,6 +330,6 @@ class SolvedModes:
 
         One for all where there are no axes.
         """
-        solved = [self.solve(row.tolist())[0] for row in (numbers if numbers.shape[1] else numbers[:1])]
+        solved = [self.solve(row.tolist())[0] for row in (numbers if numbers.shape[1] else np.empty((1, 0)))]
         motions = self._reduction.motions.T
         return np.stack([s.eigenvalues for s in solved]), np.stack([motions @ s.shapes for s in solved])
