@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -289,19 +289,33 @@ def sample(
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
-    proposal = _fitted_proposal(problem, estimate, seed)
-    return _by_ensembles(problem, whole, seed, settings, estimate, proposal, tell, checkpoint)
+    run = _Run(problem, whole, seed, settings, estimate)
+    return _by_ensembles(run, run.fitted_proposal(), tell, checkpoint)
 
 
 def _are_computed(problem: Problem) -> bool:
     return all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
 
 
-def _fitted_proposal(problem: Problem, estimate: MapEstimate, seed: int) -> Proposal:
-    """A proposal about each hill of a posterior and its images."""
-    images, systems = Images.from_problem(problem).matrices, coordinate_systems(problem)
-    starts = starts_of_hills(problem.log_posterior, estimate.starts_for_draws)
-    return fit_each_mode(problem.log_posterior, systems, starts, images, _generator(seed, _PROPOSAL))
+@dataclass(frozen=True)
+class _Run:
+    """What is drawn from, for which case, with which seed and settings, and the estimate of its mode."""
+
+    problem: Problem
+    case: Case | None
+    seed: int
+    settings: SamplerSettings
+    estimate: MapEstimate
+
+    def generator(self, purpose: int) -> np.random.Generator:
+        """Random numbers for one purpose."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(purpose,)))
+
+    def fitted_proposal(self) -> Proposal:
+        """A proposal about each hill of the posterior and its images."""
+        density, images = self.problem.log_posterior, Images.from_problem(self.problem).matrices
+        starts = starts_of_hills(density, self.estimate.starts_for_draws)
+        return fit_each_mode(density, coordinate_systems(self.problem), starts, images, self.generator(_PROPOSAL))
 
 
 def answered_case(case: Case, seed: int, tell: ProgressCallback) -> Problem:
@@ -321,30 +335,21 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
     return decide(problem, estimate, seed, sizes=sizes, freed=freed, assumed=assumed_beyond(problem, freed))
 
 
-def _by_ensembles(
-    problem: Problem,
-    case: Case | None,
-    seed: int,
-    settings: SamplerSettings,
-    estimate: MapEstimate,
-    proposal: Proposal,
-    tell: ProgressCallback,
-    checkpoint: UnfinishedRun | None,
-) -> Posterior:
+def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback, checkpoint: UnfinishedRun | None) -> Posterior:
     """Draws by ensembles of walkers, which the checkpoint keeps."""
-    log_posterior = problem.log_posterior
-    starts = starts_of_hills(log_posterior, estimate.starts_for_draws)
-    start = starting_walkers(starts, problem.prior.log_density, settings, _generator(seed, _WALKERS), proposal.shares)
-    least = estimate.log_posterior - _NO_DRAW
-    start = replace_far_walkers(start, log_posterior, least, proposal, _generator(seed, _FAR_WALKERS))
-    about, _ = proposal.weighted_draws(problem.prior.log_density, _generator(seed, _NODES), _ABOUT)
+    problem, log_posterior, prior = run.problem, run.problem.log_posterior, run.problem.prior.log_density
+    starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
+    start = starting_walkers(starts, prior, run.settings, run.generator(_WALKERS), proposal.shares)
+    least = run.estimate.log_posterior - _NO_DRAW
+    start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
+    about, _ = proposal.weighted_draws(prior, run.generator(_NODES), _ABOUT)
 
-    def run(density: LogPosterior, keeper: UnfinishedRun | None) -> tuple[Chains, Proposal]:
+    def drawn(density: LogPosterior, keeper: UnfinishedRun | None) -> tuple[Chains, Proposal]:
         return run_adapted(
             density,
             start,
-            _generator(seed, _STEPS),
-            settings,
+            run.generator(_STEPS),
+            run.settings,
             tell,
             systems=coordinate_systems(problem),
             proposal=proposal,
@@ -354,7 +359,7 @@ def _by_ensembles(
 
     density = on_nodes(problem, about)
     tell(Progress("sampling"))
-    chains, last = run(density, checkpoint)
+    chains, last = drawn(density, checkpoint)
     if density is not log_posterior:
         chains, efficiency = chains.reweighed(log_posterior, _MOST_DRAWS)
         if efficiency >= _AS_GOOD:
@@ -362,8 +367,8 @@ def _by_ensembles(
             reason = f"{chains.reason}; likelihood by quadrature on few lines, importance efficiency {efficiency:.6f}"
             chains = replace(chains, reason=f"{reason} of the {kept}")
         else:  # what the checkpoint keeps is of the other density
-            chains, last = run(log_posterior, None)
-    return _posterior(problem, case, seed, settings, estimate, last, chains)
+            chains, last = drawn(log_posterior, None)
+    return _posterior(run, last, chains)
 
 
 def _found_mode(
@@ -383,19 +388,8 @@ def _found_mode(
     return replace(estimate, iteration=iteration)
 
 
-def _generator(seed: int, purpose: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose,)))
-
-
-def _posterior(
-    problem: Problem,
-    case: Case | None,
-    seed: int,
-    settings: SamplerSettings,
-    estimate: MapEstimate,
-    proposal: Proposal,
-    chains: Chains,
-) -> Posterior:
+def _posterior(run: _Run, proposal: Proposal, chains: Chains) -> Posterior:
+    problem, estimate = run.problem, run.estimate
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
     # the best draw is at one of the others, or its climb fell short of the top; one that failed says nothing
@@ -405,16 +399,16 @@ def _posterior(
         mode = estimate.theta.copy(), estimate.log_posterior
     record = RunRecord(
         problem.name,
-        "" if case is None else case.text,
-        seed,
+        "" if run.case is None else run.case.text,
+        run.seed,
         chains.converged,
         chains.reason,
-        sampler_figures(settings, chains, proposal, problem.names),
+        sampler_figures(run.settings, chains, proposal, problem.names),
         dict(zip(problem.names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
     )
-    tree = draws_tree(problem, chains.draws(), problem.prior.sample(_generator(seed, _PRIOR), _PRIOR_DRAWS))
-    return Posterior(problem, tree, estimate, *mode, record, case)
+    tree = draws_tree(problem, chains.draws(), problem.prior.sample(run.generator(_PRIOR), _PRIOR_DRAWS))
+    return Posterior(problem, tree, estimate, *mode, record, run.case)
 
 
 def _on_one_hill(problem: Problem, lower: Array, height: float, top: Array) -> bool:
@@ -438,30 +432,26 @@ def sample_quickly(
     """
     d, began, tell = len(problem.names), time.perf_counter(), callback_of(progress)
     settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
-    estimate = find_map(problem, seed=seed, progress=progress)
+    run = _Run(problem, case, seed, settings, find_map(problem, seed=seed, progress=progress))
     tell(Progress("preparing the sampling"))
-    proposal = _fitted_proposal(problem, estimate, seed)
+    proposal = run.fitted_proposal()
     tell(Progress("sampling"))
-    density, systems = problem.log_posterior, coordinate_systems(problem)
-    rng, quantities = _generator(seed, _STEPS), judged_quantities(problem.prior)
-    nowhere, rounds = np.zeros((0, d)), lambda text: tell(Progress("sampling", text))
-    budget = settings.budget(d)
     drawn = released_draws(
-        density,
-        systems,
-        nowhere,
-        rng,
-        quantities,
+        problem.log_posterior,
+        coordinate_systems(problem),
+        np.zeros((0, d)),
+        run.generator(_STEPS),
+        judged_quantities(problem.prior),
         proposal=proposal,
         wide=Independent(problem.prior.all_marginals),
         modes=len(proposal.parts),
-        tell=rounds,
-        budget=budget,
+        tell=lambda text: tell(Progress("sampling", text)),
+        budget=settings.budget(d),
     )
     if drawn is None:
-        return _by_ensembles(problem, case, seed, settings, estimate, proposal, tell, keeper)
-    chains = independent_chains(density, drawn, time.perf_counter() - began)
-    return _posterior(problem, case, seed, settings, _with_best_draw(problem, estimate, chains), proposal, chains)
+        return _by_ensembles(run, proposal, tell, keeper)
+    chains = independent_chains(problem.log_posterior, drawn, time.perf_counter() - began)
+    return _posterior(replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), proposal, chains)
 
 
 def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:
