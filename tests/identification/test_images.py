@@ -13,6 +13,7 @@ from jointbayes.identification.mode_search import _reflections
 from jointbayes.joint import Damped, Joint, LogStiffness, blocks_of, parametrisation_named
 
 SPRINGS = parametrisation_named("springs", ("x", "y", "rz"))
+FEET = {"A": (2e7, 4e6, 2e5, 8e7, -3e5, 3e4), "B": (9e7, -1e7, 8e5, 2e8, 1e6, 1.2e5)}
 FULL = '"full"\ndofs = ["foot{0}:x", "foot{0}:y", "foot{0}:rz"]'
 
 
@@ -20,10 +21,8 @@ def test_like_joints_are_exchanged_and_unlike_ones_are_not():
     two = blocks_of({"a": SPRINGS, "left": LogStiffness(), "b": SPRINGS})
     assert two.exchanges.tolist() == [[0, 1, 2, 3, 4, 5, 6, 7, 8], [6, 7, 8, 3, 4, 5, 0, 1, 2]]
     damped = blocks_of({"a": SPRINGS, "b": Damped(SPRINGS, ("kx",))})
-    assert damped.exchanges.tolist() == [list(range(7))]
-    assert LogStiffness().exchanges.tolist() == [[0, 1, 2]]
-    shared = blocks_of({"a": SPRINGS, "b": "a", "c": SPRINGS})
-    assert len(shared.exchanges) == 2
+    assert (damped.exchanges.tolist(), LogStiffness().exchanges.tolist()) == ([list(range(7))], [[0, 1, 2]])
+    assert len(blocks_of({"a": SPRINGS, "b": "a", "c": SPRINGS}).exchanges) == 2
 
 
 @pytest.mark.parametrize(("joints", "count"), [(3, factorial(3)), (4, factorial(4)), (5, 1 + 10), (6, 1 + 15)])
@@ -49,24 +48,22 @@ def full_portal(sensor_mm=250.0):
         text = text.replace(
             f'"springs"\ndofs = ["foot{foot}:x", "foot{foot}:y", "foot{foot}:rz"]', FULL.format(foot), 1
         )
-    truth = text.index("[data.truth.stiffness]")
-    feet = {"A": (2e7, 4e6, 2e5, 8e7, -3e5, 3e4), "B": (9e7, -1e7, 8e5, 2e8, 1e6, 1.2e5)}
     names = ("k11", "k12", "k13", "k22", "k23", "k33")
-    rows = [f"{n} = {{ " + ", ".join(f"{k} = {v}" for k, v in zip(names, feet[n], strict=True)) + " }" for n in "AB"]
-    return jb.case_from_text("full", text[:truth] + "[data.truth.stiffness]\n" + "\n".join(rows))
+    rows = [f"{n} = {{ " + ", ".join(f"{k} = {v}" for k, v in zip(names, FEET[n], strict=True)) + " }" for n in "AB"]
+    head, begin, _ = text.partition("[data.truth.stiffness]\n")
+    return jb.case_from_text("full", head + begin + "\n".join(rows))
 
 
 def test_the_mirror_image_of_full_joints_explains_the_data_as_well():
     """Of the plane of the frame couplings of x with y, and of y with rz, change their signs; x with rz does not."""
-    case = full_portal()
-    problem, prior = case.problem, case.problem.prior
-    theta = problem.parametrisation.coordinates([2e7, 4e6, 2e5, 8e7, -3e5, 3e4, 9e7, -1e7, 8e5, 2e8, 1e6, 1.2e5])
+    problem = full_portal().problem
+    theta = problem.parametrisation.coordinates([*FEET["A"], *FEET["B"]])
     images = Images.from_problem(problem)
     assert np.array_equal(images(theta)[0], theta)
     density = problem.log_posterior.log_likelihood(images(theta))
     same = np.flatnonzero(np.abs(density - density[0]) < 1e-3)
     assert same.size == 2
-    mirrored = prior.values(images(theta)[same[1]])
+    mirrored = problem.prior.values(images(theta)[same[1]])
     np.testing.assert_allclose(mirrored, [9e7, 1e7, 8e5, 2e8, -1e6, 1.2e5, 2e7, -4e6, 2e5, 8e7, 3e5, 3e4], rtol=1e-9)
     np.testing.assert_allclose(images.matrices @ theta, images(theta))
     np.testing.assert_allclose(np.abs(np.linalg.det(images.matrices)), 1.0)

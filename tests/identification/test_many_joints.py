@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.many_joints_data import chain_case, chain_truth, random_data
+from benchmarks.random_frames import search
 
 import jointbayes as jb
 from jointbayes.identification import effort, refine
 from jointbayes.identification.effort import first_starts, lowest_lines_first
 from jointbayes.inference.climb import PosteriorSquares
+from tests.conftest import first_in_ci
+from tests.oracles import differences
 from vibrecords import FrfData
 
 
@@ -61,10 +64,16 @@ def test_a_climb_of_some_columns_sees_these_alone():
 
 
 def test_the_gradient_of_many_springs_is_that_of_differences():
-    problem = chain_case(8).problem
-    _, problem = random_data(problem, 1)
+    _, problem = random_data(chain_case(8).problem, 1)
     density = problem.log_posterior
     theta = density.prior.mean + np.linspace(-0.3, 0.3, 8)
-    steps = 1e-5 * np.eye(8)
-    differences = (density(theta + steps) - density(theta - steps)) / 2e-5
-    np.testing.assert_allclose(density.gradient(theta), differences, rtol=1e-5, atol=1e-5 * np.abs(differences).max())
+    slope = differences(lambda at: density(at)[0], theta)
+    np.testing.assert_allclose(density.gradient(theta), slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("seed", first_in_ci([77, 20, 21, 57, 0, 5], 3))
+def test_the_mode_of_a_frame_of_four_to_eight_springs_is_found(seed):
+    """Reconstructed motions alone end 9000 and 18 below the mode of seeds 57 and 77 in log posterior."""
+    found = search(seed)
+    assert found.found, found
+    assert 0.85 < found.squares < 1.15  # the data are those of the model: another FE code, exact, made them

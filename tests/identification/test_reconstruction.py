@@ -13,7 +13,8 @@ from jointbayes.inference import JointPrior, Uniform
 from jointbayes.joint import Damped, Joint, Joints, blocks_of, parametrisation_named
 from jointbayes.structure import LossFactor, ModalDamping
 from tests.conftest import PAIR, rod
-from vibrecords import FrequencyData, FrfData, FrfSet
+from tests.oracles import differences, noisy_frfs
+from vibrecords import FrequencyData
 
 PLACES = (Joint(("1:y", "1:rz"), name="left"), Joint(("5:y", "5:rz"), name="inner"), Joint(("11:y",), name="right"))
 SPRINGS = {place.name: parametrisation_named("springs", place.directions) for place in PLACES}
@@ -25,12 +26,9 @@ def problem_of(k, seed=1, kinds=SPRINGS, damping=None, low=LOW, high=HIGH):
     """Data of the joints, solved line by line, and a prior of decades."""
     kinds, structure = blocks_of(kinds), rod(damping=damping or LossFactor(0.01))
     exact = DirectSolve(structure, Joints(PLACES), PORTS).receptance(kinds.matrix(np.asarray(k)))[0]
-    rng = np.random.default_rng(seed)
-    sd = 0.03 * np.abs(exact) + 0.01 * np.median(np.abs(exact))
-    values = exact + sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape))
-    measurement = FrfData(FrfSet(PORTS.frequency_hz, values, PORTS.outputs, PORTS.inputs), 2 * sd**2)
     prior = JointPrior(kinds, tuple(Uniform(*ends) for ends in zip(low, high, strict=True)))
-    return jb.Problem(structure=structure, joint=PLACES, data=measurement, prior=prior)
+    data = noisy_frfs(exact, PORTS, seed, relative=0.03)
+    return jb.Problem(structure=structure, joint=PLACES, data=data, prior=prior)
 
 
 def random_springs(seed):
@@ -44,17 +42,17 @@ def damped_problem():
     return problem_of(k, kinds=kinds, low=low, high=high), np.log(k)
 
 
+def solved(problem, k):
+    """Receptances of the joints, solved line by line."""
+    direct = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), PORTS)
+    return direct.receptance(problem.parametrisation.matrix(k))[0]
+
+
 def test_without_tolerance_the_squares_are_those_of_the_frfs():
-    k = random_springs(4)
-    problem = problem_of(k)
-    part = _TestData.from_problem(problem)
-    other = 1.3 * k
-    ports = replace(PORTS, frequency_hz=part.omega / (2 * np.pi))
-    there = slice(None, None, 6)
-    np.testing.assert_allclose(ports.frequency_hz, PORTS.frequency_hz[there])
-    h = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), ports).receptance(
-        problem.parametrisation.matrix(other)
-    )[0]
+    problem, other = problem_of(random_springs(4)), 1.3 * random_springs(4)
+    part, there = _TestData.from_problem(problem), slice(None, None, 6)
+    np.testing.assert_allclose(part.omega / (2 * np.pi), PORTS.frequency_hz[there])
+    h = solved(problem, other)[there]
     data, variance = problem.test.data.frf.values[there], problem.test.data.variance[there]
     expected = np.sum(np.abs(h - data) ** 2 / (variance + (_MODEL_ERROR * np.abs(data)) ** 2))
     assert part.value(np.log(other)[None], 1e-9)[0] == pytest.approx(expected, rel=1e-6)
@@ -64,10 +62,7 @@ def test_joints_that_made_the_data_leave_nothing_whatever_the_tolerance():
     k = random_springs(5)
     problem = problem_of(k)
     part = _TestData.from_problem(problem)
-    exact = DirectSolve(rod(damping=LossFactor(0.01)), Joints(PLACES), PORTS).receptance(
-        problem.parametrisation.matrix(k)
-    )[0]
-    noise = (problem.test.data.frf.values - exact)[::6]
+    noise = (problem.test.data.frf.values - solved(problem, k))[::6]
     noise_free = replace(part, off=part.off - noise)
     for tolerance in (3.0, 0.1):
         theta = np.log(k)[None]
@@ -81,9 +76,8 @@ def test_the_slope_of_the_squares_is_that_of_differences(damped, tolerance):
     part, theta = _TestData.from_problem(problem), theta + 0.3
     residual, jacobian = part.linearised(theta, tolerance)
     assert residual @ residual == pytest.approx(part.value(theta[None], tolerance)[0], rel=1e-9)
-    steps = 1e-5 * np.eye(theta.size)
-    differences = (part.value(theta + steps, tolerance) - part.value(theta - steps, tolerance)) / 2e-5
-    np.testing.assert_allclose(2 * jacobian.T @ residual, differences, rtol=1e-4, atol=1e-6 * np.abs(differences).max())
+    slope = differences(lambda at: part.value(at[None], tolerance)[0], theta)
+    np.testing.assert_allclose(2 * jacobian.T @ residual, slope, rtol=1e-4, atol=1e-6 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("damped", [False, True])
@@ -120,10 +114,11 @@ def test_dashpots_and_loss_factors_are_found_with_their_springs():
 
 
 def test_few_unknowns_and_data_that_are_no_frfs_have_no_such_starts():
-    few = (Joint(("1:y", "1:rz"), name="left"),)
+    whole, few = problem_of(random_springs(1)), (Joint(("1:y", "1:rz"), name="left"),)
     prior = JointPrior(blocks_of({"left": PAIR}), (Uniform(10.0, 20.0),) * 3)
-    problem = jb.Problem(structure=rod(), joint=few, data=problem_of(random_springs(1)).test.data, prior=prior)
-    assert reconstructed_starts(problem, np.random.default_rng(1)).shape == (0, 3)
-    whole = problem_of(random_springs(1))
     frequencies = FrequencyData([50.0, 200.0, 500.0, 900.0, 1500.0], [1.0] * 5)
-    assert reconstructed_starts(whole.with_test(data=frequencies), np.random.default_rng(1)).shape == (0, 5)
+    for problem, unknowns in (
+        (jb.Problem(structure=rod(), joint=few, data=whole.test.data, prior=prior), 3),
+        (whole.with_test(data=frequencies), 5),
+    ):
+        assert reconstructed_starts(problem, np.random.default_rng(1)).shape == (0, unknowns)

@@ -91,10 +91,15 @@ def test_the_scatter_of_five_assemblies_is_that_of_a_direct_posterior(truth, noi
 
 
 def test_what_is_no_scatter_is_refused():
+    pair = (("a.ky", "b.ky"),)
     refused(lambda: AssemblyScatter("ky", (("a.ky",),)), jb.ModelError, "expected two assemblies at least")
-    refused(lambda: AssemblyScatter("ky", (("a.ky", "b.ky"),), -1.0), jb.ModelError, "found a scatter of -1 times 3")
-    prior = jb.JointPrior(SPRING, (jb.Normal(1.0, 1.0),), scatters=(AssemblyScatter("ky", (("a.ky", "b.ky"),)),))
+    refused(lambda: AssemblyScatter("ky", pair, -1.0), jb.ModelError, "found a scatter of -1 times 3")
+    prior = jb.JointPrior(SPRING, (jb.Normal(1.0, 1.0),), scatters=(AssemblyScatter("ky", pair),))
     refused(lambda: prior.log_density([1.0]), jb.ModelError, "found no prior of a.ky, b.ky")
+    problem = case_of(ASSEMBLIES).problem
+    refused(
+        lambda: hypothesis_problem(problem, "rigid"), jb.ModelError, "found a joint that scatters between assemblies"
+    )
 
 
 ASSEMBLIES = """
@@ -138,8 +143,3 @@ def test_a_case_states_what_scatters_and_how_much():
 def test_assemblies_of_nothing_are_refused_in_one_line(change, message):
     with pytest.raises(jb.CaseError, match=message):
         case_of(ASSEMBLIES.replace(*change))
-
-
-def test_hypotheses_are_not_compared_where_a_joint_scatters():
-    with pytest.raises(jb.ModelError, match="found a joint that scatters between assemblies"):
-        hypothesis_problem(case_of(ASSEMBLIES).problem, "rigid")

@@ -1,49 +1,42 @@
 """The climb ends where scipy's optimisers do: in a box, along bent ridges, with coordinates fixed."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy import optimize
 
 import jointbayes as jb
-from jointbayes.inference import JointPrior
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 
 
-@dataclass
 class _Box:
     """Stands for a prior that is flat between two ends."""
 
-    low: np.ndarray
-    high: np.ndarray
-
-    def __post_init__(self):
-        self.support = self.low, self.high
-        self.sd, self.mean = (self.high - self.low) / np.sqrt(12), (self.low + self.high) / 2
-        self.precision = np.zeros(self.low.size)
+    def __init__(self, end, size):
+        self.support = low, high = np.full(size, -end), np.full(size, end)
+        self.sd, self.mean, self.precision = (high - low) / np.sqrt(12), np.zeros(size), np.zeros(size)
 
     def feasible(self, theta):
-        return ((theta >= self.low) & (theta <= self.high)).all(axis=-1)
+        return (np.abs(theta) <= self.support[1]).all(axis=-1)
 
 
 @dataclass
 class _Squares:
     """Squares of residuals in closed form."""
 
-    prior: JointPrior
-    of: object
-    columns: np.ndarray = field(default=None)
+    prior: _Box
+    residuals: Callable[[np.ndarray], np.ndarray]
+    columns: np.ndarray
     linearised = None
 
-    def __post_init__(self):
-        self.columns = np.arange(self.prior.low.size) if self.columns is None else self.columns
-
-    def residuals(self, theta):
-        return self.of(theta)
-
     def value(self, theta):
-        return np.where(self.prior.feasible(theta), -(self.of(theta) ** 2).sum(axis=-1) / 2, -np.inf)
+        return np.where(self.prior.feasible(theta), -(self.residuals(theta) ** 2).sum(axis=-1) / 2, -np.inf)
+
+
+def _squares(end, size, residuals, columns=None):
+    return _Squares(_Box(float(end), size), residuals, np.arange(size) if columns is None else columns)
 
 
 def _climb(squares, starts):
@@ -56,7 +49,7 @@ def test_a_quadratic_in_a_box_ends_where_bounded_least_squares_do(seed):
     slope, offset = rng.normal(size=(12, 5)) * np.logspace(0, 2, 5), 30 * rng.normal(size=12)
     best = optimize.lsq_linear(slope, offset, (-1, 1), tol=1e-14).x
     assert (np.abs(best) > 1 - 1e-9).any()
-    squares = _Squares(_Box(np.full(5, -1.0), np.full(5, 1.0)), lambda theta: theta @ slope.T - offset)
+    squares = _squares(1, 5, lambda theta: theta @ slope.T - offset)
     ends, _ = _climb(squares, rng.uniform(-0.9, 0.9, (4, 5)))
     np.testing.assert_allclose(ends, np.tile(best, (4, 1)), atol=1e-6)
 
@@ -65,14 +58,14 @@ def test_bent_ridges_are_followed_to_their_end():
     def valley(theta):  # Rosenbrock's in three unknowns, a million times as steep across as along
         return np.concatenate([1000 * (theta[..., 1:] - theta[..., :-1] ** 2), 1 - theta[..., :1]], axis=-1)
 
-    ends, value = _climb(_Squares(_Box(np.full(3, -4.0), np.full(3, 4.0)), valley), [[-1.2] * 3, [1.3] * 3])
+    ends, value = _climb(_squares(4, 3, valley), [[-1.2] * 3, [1.3] * 3])
     np.testing.assert_allclose(ends, np.ones((2, 3)), atol=1e-5)
     assert value == pytest.approx(0, abs=1e-9)
 
 
 def test_coordinates_that_are_fixed_stay_and_the_others_are_best_for_them():
     slope = np.random.default_rng(1).normal(size=(9, 4))
-    squares = _Squares(_Box(np.full(4, -9.0), np.full(4, 9.0)), lambda theta: theta @ slope.T - 1, np.array([0, 2]))
+    squares = _squares(9, 4, lambda theta: theta @ slope.T - 1, np.array([0, 2]))
     start = np.array([0.5, -1.0, 0.3, 2.0])
     (end,), _ = _climb(squares, [start])
     assert (end[[1, 3]] == start[[1, 3]]).all()

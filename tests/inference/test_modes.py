@@ -53,12 +53,9 @@ def test_antiresonances_and_modal_constants_enter_with_what_the_chain_itself_has
     zeros = Antiresonances(("3:x", "1:x", "3:x"), Observed(rng.uniform(2, 6, (2, 3)), np.array([0.1, 0.2, 0.3])))
     constants = rng.normal(size=(2, 2, 2))
     constants[0, 1, 0] = NAN
-    measured = ModeData(
-        Observed(np.array([3.0, 6.0]), 0.2),
-        numbers=(3, 1),
-        zeros=zeros,
-        constants=ModalConstants(("3:x", "1:x"), ("1:x", "1:x"), Observed(constants, 0.1)),
-    )
+    of_constants = ModalConstants(("3:x", "1:x"), ("1:x", "1:x"), Observed(constants, 0.1))
+    frequency = Observed(np.array([3.0, 6.0]), 0.2)
+    measured = ModeData(frequency, numbers=(3, 1), zeros=zeros, constants=of_constants)
     likelihood = lone_likelihood(CHAIN, GROUND, measured)
     for k in (300.0, 4e4):
         lam, phi = modes(k)
@@ -71,19 +68,13 @@ def test_antiresonances_and_modal_constants_enter_with_what_the_chain_itself_has
         assert likelihood.log_likelihood(np.array([[[k]]]))[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_eigenvalues_are_compared_as_eigenvalues():
+def test_eigenvalues_are_compared_as_eigenvalues_and_a_mode_with_the_one_of_its_number():
     lam, _ = modes(900.0)
-    measured = ModeData(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True)
-    likelihood = lone_likelihood(CHAIN, GROUND, measured)
-    np.testing.assert_allclose(likelihood.standardised([[[900.0]]])[0], -0.5, rtol=1e-9)
-
-
-def test_a_mode_is_compared_with_the_one_of_its_number():
-    lam, _ = modes(900.0)
-    f = np.sqrt(lam) / (2 * np.pi)
-    measured = ModeData(Observed(f[[2, 0]], 0.1), numbers=(3, 1))
-    likelihood = lone_likelihood(CHAIN, GROUND, measured)
-    np.testing.assert_allclose(likelihood.predicted([[[900.0]]])[0], f[[2, 0]], rtol=1e-9)
+    of_eigenvalues = lone_likelihood(CHAIN, GROUND, ModeData(Observed(1.1 * lam, 0.2 * lam), eigenvalues=True))
+    np.testing.assert_allclose(of_eigenvalues.standardised([[[900.0]]])[0], -0.5, rtol=1e-9)
+    f = np.sqrt(lam[[2, 0]]) / (2 * np.pi)
+    numbered = lone_likelihood(CHAIN, GROUND, ModeData(Observed(f, 0.1), numbers=(3, 1)))
+    np.testing.assert_allclose(numbered.predicted([[[900.0]]])[0], f, rtol=1e-9)
 
 
 def test_modes_are_matched_by_shape_where_the_joint_changes_their_order():
@@ -121,20 +112,16 @@ def test_the_jacobian_of_the_residuals_is_that_of_differences(match, eigenvalues
     modal = AssembledShapes(structure, CLAMP, 3, ("3:y", "7:y", "11:y")).modes(STIFF)
     frequency = (2 * np.pi * modal.frequency_hz) ** 2 if eigenvalues else modal.frequency_hz
     shapes = ModeShapes(("3:y", "7:y"), "11:y", Observed(modal.shapes[:, :, :2] / modal.shapes[:, :, 2:], 0.01))
-    measured = ModeData(
-        Observed(1.01 * frequency, 0.01 * frequency),
-        Observed(modal.damping_ratio, 1e-4),
-        shapes,
-        match=match,
-        eigenvalues=eigenvalues,
-        zeros=Antiresonances(("11:y", "11:y", "7:y"), Observed(np.array([150.0, 700.0, 200.0]), 1.0)),
-        constants=ModalConstants(("7:y", "11:y"), ("11:y", "11:y"), Observed(np.ones((3, 2)), 0.1)),
-    )
+    more = {
+        "zeros": Antiresonances(("11:y", "11:y", "7:y"), Observed(np.array([150.0, 700.0, 200.0]), 1.0)),
+        "constants": ModalConstants(("7:y", "11:y"), ("11:y", "11:y"), Observed(np.ones((3, 2)), 0.1)),
+    }
+    off, ratios = Observed(1.01 * frequency, 0.01 * frequency), Observed(modal.damping_ratio, 1e-4)
+    measured = ModeData(off, ratios, shapes, match=match, eigenvalues=eigenvalues, **more)
     likelihood = lone_likelihood(structure, CLAMP, measured)
     directions = np.array([[[1e6, 0], [0, 0]], [[0, 1e4], [1e4, 0]], [[0, 0], [0, 1e3]]])
     residual, jacobian = likelihood.residuals(STIFF, directions, np.ones(0))
     np.testing.assert_allclose(residual, likelihood.standardised(STIFF[None])[0], rtol=1e-12)
-    step = 1e-4
-    up, down = (likelihood.standardised(STIFF + sign * step * directions) for sign in (1, -1))
-    difference = ((up - down) / (2 * step)).T
+    up, down = (likelihood.standardised(STIFF + step * directions) for step in (1e-4, -1e-4))
+    difference = ((up - down) / 2e-4).T
     assert np.abs(jacobian - difference).max() < 1e-5 * np.abs(difference).max(), (jacobian, difference)

@@ -31,19 +31,16 @@ def parts_of(density, problem, theta):
     return reduced(problem.prior.matrix(theta), problem.prior.factors(theta))
 
 
-def _with_noise(problem, noise, *nuisances):
-    problem = problem.with_test(noise=noise)
-    return replace(problem, prior=replace(problem.prior, nuisances=nuisances))
+def unknown(problem, nuisance, **of_test):
+    return replace(problem.with_test(**of_test), prior=replace(problem.prior, nuisances=(nuisance,)))
 
 
 KINDS = {
     "as stated": lambda problem: problem,
-    "scale sampled": lambda problem: _with_noise(problem, ScaledNoise(), _SCALE),
-    "scale integrated": lambda problem: _with_noise(problem, IntegratedScale()),
-    "log magnitude": lambda problem: _with_noise(problem.with_test(residual_kind="log_magnitude"), IntegratedScale(1)),
-    "gain": lambda problem: replace(
-        problem, prior=replace(problem.prior, nuisances=(jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.02)),))
-    ),
+    "scale sampled": lambda problem: unknown(problem, _SCALE, noise=ScaledNoise()),
+    "scale integrated": lambda problem: problem.with_test(noise=IntegratedScale()),
+    "log magnitude": lambda problem: problem.with_test(residual_kind="log_magnitude", noise=IntegratedScale(1)),
+    "gain": lambda problem: unknown(problem, jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.02))),
 }
 
 
@@ -79,15 +76,11 @@ def test_a_resonance_between_the_nodes_is_noticed(narrow):
     assert largest_error(density, narrow, far) < 0.02
 
 
-def test_joints_that_need_a_direction_each_are_computed_on_all_lines(narrow):
-    assert on_nodes(narrow, around(narrow, 20.0, 2000), least_values=0) is narrow.log_posterior
-
-
-def test_what_a_few_lines_cannot_sum_or_need_not_is_computed_on_all(cheap_case):
+def test_what_a_few_lines_cannot_sum_or_need_not_is_computed_on_all(cheap_case, narrow):
     problem = cheap_case.problem
-    theta = around(problem, 1.5)
+    theta, student = around(problem, 1.5), problem.with_test(noise=jb.StudentNoise())
+    assert on_nodes(narrow, around(narrow, 20.0, 2000), least_values=0) is narrow.log_posterior  # a direction each
     assert on_nodes(problem, theta) is problem.log_posterior
-    student = problem.with_test(noise=jb.StudentNoise())
     assert on_nodes(student, theta, least_values=0) is student.log_posterior
     assert on_nodes(problem, theta[:20], least_values=0) is problem.log_posterior
 
@@ -123,19 +116,14 @@ def for_all(monkeypatch):
     monkeypatch.setattr(workflow, "on_nodes", lambda problem, theta: on_nodes(problem, theta, least_values=0))
 
 
-def test_a_run_ends_with_ln_p_on_all_lines_at_its_draws(cheap_case, for_all):
-    posterior = jb.sample(cheap_case, settings=FEW_STEPS)
+def test_a_run_ends_with_ln_p_on_all_lines_at_its_draws_and_goes_on_from_its_checkpoint(cheap_case, for_all, tmp_path):
+    kept = {"settings": FEW_STEPS, "checkpoint": tmp_path / "run"}
+    posterior = jb.sample(cheap_case, **kept)
     assert "quadrature" in posterior.reason
     density = posterior.log_density.ravel()
     np.testing.assert_array_equal(density, cheap_case.problem.log_posterior(posterior.theta))
-    again = jb.sample(cheap_case, settings=FEW_STEPS)
-    np.testing.assert_array_equal(again.theta, posterior.theta)
-
-
-def test_a_run_goes_on_from_its_checkpoint_to_the_same_bits(cheap_case, for_all, tmp_path):
-    whole = jb.sample(cheap_case, settings=FEW_STEPS, checkpoint=tmp_path / "run")
-    again = jb.sample(cheap_case, settings=FEW_STEPS, checkpoint=tmp_path / "run", resume=True)
-    np.testing.assert_array_equal(again.theta, whole.theta)
+    for again in (jb.sample(cheap_case, settings=FEW_STEPS), jb.sample(cheap_case, resume=True, **kept)):
+        np.testing.assert_array_equal(again.theta, posterior.theta)
 
 
 def test_draws_that_all_lines_do_not_confirm_are_drawn_anew(cheap_case, monkeypatch):

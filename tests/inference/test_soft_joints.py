@@ -28,14 +28,13 @@ def calibration_data_of_before(variant, index):
     rng = np.random.default_rng(np.random.SeedSequence(CALIBRATION, spawn_key=(list(VARIANTS).index(variant), index)))
     base = case_of(variant)
     problem = base.problem
-    nominal, noise = problem.test.data, problem.test.noise or GaussianNoise()
-    at_joint = nominal.joint_frf
+    nominal, noise, at_joint = problem.test.data, problem.test.noise or GaussianNoise(), problem.test.data.joint_frf
     theta = problem.prior.sample(rng, 1)[0]
     factors = problem.prior.factors(theta)
     structure = problem.test.structures.structure(problem.structural(factors))
     ports = Ports(at_joint.frequency_hz, at_joint.outputs, at_joint.inputs)
-    solved = DirectSolve(structure, problem.test.joints, ports)
-    values = solved.receptance(pair_matrix(problem.prior.values(theta)))[0]
+    matrix = pair_matrix(problem.prior.values(theta))
+    values = DirectSolve(structure, problem.test.joints, ports).receptance(matrix)[0]
     measured = len(nominal.frf.outputs)
     hyper = factors[None, factors.size - len(noise.names) :]
     z = noise.draw(rng, hyper, ports.frequency_hz.size, measured * len(ports.inputs))

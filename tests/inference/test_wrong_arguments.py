@@ -54,7 +54,5 @@ def test_each_part_of_a_problem_is_of_its_kind(problem, wrong, message):
 
 @pytest.mark.parametrize("ratio", [0.01, "0.01", None])
 def test_a_lone_damping_ratio_is_asked_for_as_a_sequence(ratio):
-    with pytest.raises(
-        jb.ModelError, match=r"modal damping: found .*; expected a sequence of ratios, such as \(0.01,\)"
-    ):
+    with pytest.raises(jb.ModelError, match=r"modal damping: found .*; expected a sequence of ratios, such as \("):
         ModalDamping(ratio)

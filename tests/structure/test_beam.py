@@ -12,10 +12,10 @@ from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_mo
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
 from jointbayes.structure.frame_recipe import ACCURACY, MANY, BodyMesh, element_error
 from jointbayes.structure.matrices import Reduction, Structure
-from tests.conftest import CLAMP, pair_matrix
+from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
+from tests.one_line import refused
 
-STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
-TABLE_3 = pair_matrix([5.05e9, 3.44e7, 1.52e6])
+PAIR = pair_matrix(TABLE_3)
 #: Converged Timoshenko beam with Table 3's joint, computed elsewhere to more digits than these, Hz.
 CONVERGED = [121.5355, 752.3930, 2063.7317, 3927.7317, 6266.2214]
 SECTIONS = [Section.circle(0.025), Section.rectangle(0.04, 0.012), Section.box(0.03, 0.04, 0.002)]
@@ -79,9 +79,8 @@ def matrices(made, mesh):
     e, g, rho, area = material.youngs_modulus, material.shear_modulus, material.density, section.area
     cowper = section.shear_coefficient(material.poissons_ratio)
     along_y, along_z = (made.shear_coefficient or kappa for kappa in cowper)
-    planes = [(section.inertia_z, along_y, (0, 1), 1.0), (section.inertia_y, along_z, (2, 3), -1.0)]
-    if n == 5:
-        planes = [(section.inertia_z, along_y, (1, 4), 1.0), (section.inertia_y, along_z, (2, 3), -1.0)]
+    in_plane = (1, 4) if n == 5 else (0, 1)
+    planes = [(section.inertia_z, along_y, in_plane, 1.0), (section.inertia_y, along_z, (2, 3), -1.0)]
     each = [
         (segment.stretch.length / count, order)
         for segment, (count, order) in zip(mesh[0].segments, mesh[0].elements, strict=True)
@@ -125,7 +124,7 @@ def test_matrices_are_those_of_its_elements_integrated_here(section, kappa, dofs
     frequency = by_hand.modes().frequency_hz
     assert_allclose(found.modes().frequency_hz[:12], frequency[:12], rtol=1e-9)
     ports = Ports(np.arange(20.0, 4000.0, 83.0), ("11:y", "11:rz", "4:y"), ("11:y", "1:rz"))
-    one, other = (DirectSolve(each, CLAMP, ports).receptance(TABLE_3)[0] for each in (found, by_hand))
+    one, other = (DirectSolve(each, CLAMP, ports).receptance(PAIR)[0] for each in (found, by_hand))
     assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
     named = [label for label in found.dofs if "~" not in label]
     directions = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}[dofs_per_node]
@@ -164,7 +163,7 @@ def test_factors_make_the_beam_that_states_its_quantities_so_much_larger(element
 
 @pytest.mark.parametrize("elements", [1, 2, 10, 37])
 def test_frequencies_are_those_of_the_converged_beam_whatever_points_are_numbered(elements):
-    found = NaturalFrequencies(BeamFamily(recipe(elements=elements), {}), CLAMP, 5).frequency_hz(TABLE_3)[0]
+    found = NaturalFrequencies(BeamFamily(recipe(elements=elements), {}), CLAMP, 5).frequency_hz(PAIR)[0]
     assert_allclose(found, CONVERGED, atol=6e-5)
 
 
@@ -174,16 +173,16 @@ def test_the_papers_element_is_as_coarse_as_it_was():
         made = recipe(element="paper", dofs_per_node=count).structure()
         same = beam(0.383, SECTIONS[0], STEEL, ModalDamping((0.01,)), dofs_per_node=count)
         np.testing.assert_array_equal([made.stiffness, made.mass], [same.stiffness, same.mass])
-    error = NaturalFrequencies(family, CLAMP, 5).frequency_hz(TABLE_3)[0] / CONVERGED - 1
+    error = NaturalFrequencies(family, CLAMP, 5).frequency_hz(PAIR)[0] / CONVERGED - 1
     assert_allclose(error, [5e-6, 1.8e-4, 1.3e-3, 4.6e-3, 1.1e-2], rtol=0.2, atol=5e-6)
 
 
 def test_a_refined_two_node_mesh_converges_to_it():
-    exact = NaturalFrequencies(BeamFamily(recipe(), {}), CLAMP, 3).frequency_hz(TABLE_3)[0]
+    exact = NaturalFrequencies(BeamFamily(recipe(), {}), CLAMP, 3).frequency_hz(PAIR)[0]
     errors = []
     for elements in (20, 40):
         coarse = beam(0.383, SECTIONS[0], STEEL, ModalDamping((0.01,)), elements=elements)
-        errors.append(NaturalFrequencies(coarse, CLAMP, 3).frequency_hz(TABLE_3)[0] / exact - 1)
+        errors.append(NaturalFrequencies(coarse, CLAMP, 3).frequency_hz(PAIR)[0] / exact - 1)
     assert_allclose(errors[0][1:] / errors[1][1:], 4.0, rtol=0.1)
 
 
@@ -208,11 +207,11 @@ def test_the_bound_on_an_elements_error_is_kept_and_is_no_waste():
     ("more", "top_hz", "words"),
     [
         ({"length": 1.0}, 1e11, "wavelength"),
-        ({"section": Section.circle(1e-5)}, 2.5e5, "nodes; expected at most 280, a hundred natural frequencies"),
+        ({"section": Section.circle(1e-5)}, 2.5e5, "nodes; expected at most 280, a hundred natural"),
         (
             {"section": Section.circle(1e-5), "dofs_per_node": 5},
             2.5e5,
-            "nodes; expected at most 130, a hundred natural frequencies",
+            "nodes; expected at most 130, a hundred",
         ),
         ({}, np.inf, "lines up to inf Hz"),
         ({"length": -1.0}, 1.0, "finite length above 0"),
@@ -224,10 +223,8 @@ def test_the_bound_on_an_elements_error_is_kept_and_is_no_waste():
     ],
 )
 def test_impossible_beams_are_refused_in_one_line(more, top_hz, words):
-    with pytest.raises(ModelError, match=r"^beam: found .*expected") as caught:
-        recipe(**more).mesh(["3:y"], top_hz)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refused(lambda: recipe(**more).mesh(["3:y"], top_hz), ModelError, words)
+    refused(lambda: recipe(**more).mesh(["3:y"], top_hz), ModelError, "beam: found ")
 
 
 # reduced
@@ -255,11 +252,12 @@ def test_a_reduction_keeps_the_modes_in_the_band_and_the_answer_of_all_others():
     assert few.eigenvalues.size < 15
     np.testing.assert_array_equal(few.eigenvalues[:5], modes.eigenvalues[:5])
     for omega in (0.0, 2 * np.pi * 1800.0):
-        elastic, kept = modes.eigenvalues > 1.0, few.eigenvalues > 1.0
-        exact = (motions.T @ modes.shapes[:, elastic]) / (modes.eigenvalues[elastic] - omega**2)
-        exact = exact @ (motions.T @ modes.shapes[:, elastic]).T
-        found = (motions.T @ few.shapes[:, kept]) / (few.eigenvalues[kept] - omega**2)
-        assert_allclose(found @ (motions.T @ few.shapes[:, kept]).T, exact, rtol=1e-9)
+        answers = []
+        for one in (few, modes):
+            elastic = one.eigenvalues > 1.0
+            seen = motions.T @ one.shapes[:, elastic]
+            answers.append(seen / (one.eigenvalues[elastic] - omega**2) @ seen.T)
+        assert_allclose(*answers, rtol=1e-9)
 
 
 def test_a_named_point_between_nodes_is_the_node_that_other_spans_have_there():
@@ -273,7 +271,7 @@ def test_a_named_point_between_nodes_is_the_node_that_other_spans_have_there():
     for made, dofs in ((node, ("8:y", "21:y", "10:rz")), (named, ("tip:y", "4:y", "mid:rz"))):
         built = made.structure(mesh=made.mesh((*CLAMP.labels, *dofs), 3000.0))
         direct = DirectSolve(built, CLAMP, Ports(np.linspace(1.0, 3000.0, 200), dofs, dofs))
-        values.append(direct.receptance(TABLE_3))
+        values.append(direct.receptance(PAIR))
     assert_allclose(values[0], values[1], rtol=1e-6, atol=1e-9 * np.abs(values[0]).max())
 
 

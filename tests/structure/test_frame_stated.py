@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import jointbayes as jb
+from tests.conftest import STEEL
 
 LAW = jb.ModalDamping((0.01,))
 WIDE, NARROW = (0.04, 0.03), (0.025, 0.012)
@@ -51,7 +52,7 @@ def test_points_on_a_taper_do_not_change_it():
 
 def test_the_papers_element_of_a_taper_has_the_section_at_its_middle():
     middle = jb.Section.rectangle(*((w + n) / 2 for w, n in zip(WIDE, NARROW, strict=True)))
-    bar = jb.Member(("a", "b"), middle, jb.BeamMaterial(2.1e11, 0.3, 7800.0), shear_coefficient=(0.85, 0.7))
+    bar = jb.Member(("a", "b"), middle, STEEL, shear_coefficient=(0.85, 0.7))
     uniform = jb.FrameRecipe(jb.FrameBody(PLACES, (bar,)), LAW, element="paper").structure()
     tapered = slanted(element="paper").structure()
     assert_allclose(tapered.stiffness, uniform.stiffness, rtol=1e-12, atol=1e-12 * np.abs(uniform.stiffness).max())
@@ -69,19 +70,16 @@ def test_the_papers_element_of_a_taper_has_the_section_at_its_middle():
     ],
 )
 def test_the_height_of_a_member_without_up_lies_across_z_or_along_y(end, moves, turns, height):
-    steel = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
-    bar = jb.Member(("a", "b"), jb.Section.rectangle(0.04, 0.01), steel)
+    bar = jb.Member(("a", "b"), jb.Section.rectangle(0.04, 0.01), STEEL)
     frame = jb.FrameRecipe(jb.FrameBody({"a": (0, 0, 0), "b": end}, (bar,)), LAW, (moves, turns))
     lying = jb.Section.rectangle(0.04, 0.01) if height == "height" else jb.Section.rectangle(0.01, 0.04)
-    beam = jb.BeamRecipe(0.4, lying, steel, LAW)
+    beam = jb.BeamRecipe(0.4, lying, STEEL, LAW)
     found, expected = (r.structure({}, r.mesh((), 8000.0)).modes().frequency_hz[2:5] for r in (frame, beam))
     assert_allclose(found, expected, rtol=1e-8)
 
 
 def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
-    recipe = jb.BeamRecipe(
-        0.383, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.LossFactor(0.01), elements=3
-    )
+    recipe = jb.BeamRecipe(0.383, jb.Section.circle(0.025), STEEL, jb.LossFactor(0.01), elements=3)
     family = jb.BeamFamily(recipe, {"length": (-0.05, 0.05)}).at(("1:y", "1:rz", "4:y"), 300.0)
     motions = np.eye(family.nominal.n_dofs)[:, family.nominal.index(("1:y", "1:rz", "4:y"))]
     free = family.free_modes(np.arange(len(motions)), motions)
@@ -96,7 +94,7 @@ def test_modes_over_lengths_are_as_many_where_one_vector_is_all_but_rounding():
 
 @pytest.mark.parametrize("stub", [1e-2, 1e-3, 1e-4])
 def test_a_short_stub_leaves_rigid_body_motions_and_soft_supports_what_they_are(stub):
-    bar = jb.Member(("a", "b", "c"), jb.Section.rectangle(0.02, 0.005), jb.BeamMaterial(2.1e11, 0.3, 7800.0))
+    bar = jb.Member(("a", "b", "c"), jb.Section.rectangle(0.02, 0.005), STEEL)
     body = jb.FrameBody({"a": (0, 0, 0), "b": (3 - stub, 0, 0), "c": (3.0, 0, 0)}, (bar,))
     free = jb.FrameRecipe(body, LAW, ("x", "y", "rz"))
     modes = free.structure(None, free.mesh(("b:y", "c:y"), 20.0)).modes().frequency_hz

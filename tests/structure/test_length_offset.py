@@ -9,10 +9,9 @@ from numpy.testing import assert_allclose
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.structure.shape_modes import ModeTable
-from tests.conftest import TABLE_3, pair_matrix
+from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
 from vibrecords import FrfData, FrfSet
 
-STEEL, CLAMP = jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.Joint(("1:y", "1:rz"))
 OFFSET = {"length_offset": (-0.012, 0.012)}
 MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from jointbayes.errors import ModelError
+from jointbayes.frf import DirectSolve, Ports
 from jointbayes.structure import BeamMaterial, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
-from tests.conftest import STEEL, rod
+from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix, rod
 from tests.one_line import refused
+from tests.vibrecords.rod import free_rod, receptance
 
 
 def test_sections_have_textbook_area_and_second_moments():
@@ -24,13 +26,14 @@ def test_sections_have_textbook_area_and_second_moments():
 
 def test_cowper_shear_coefficients():
     nu = 0.3
-    assert Section.circle(1.0).shear_coefficient(nu)[0] == pytest.approx(6 * (1 + nu) / (7 + 6 * nu))
-    assert Section.rectangle(1.0, 2.0).shear_coefficient(nu)[0] == pytest.approx(10 * (1 + nu) / (12 + 11 * nu))
-    # a very thin tube and a very thin square box tend to Cowper's thin-walled formulas
-    thin_tube = Section.tube(1.0, 1 - 1e-6).shear_coefficient(nu)[0]
-    assert thin_tube == pytest.approx(2 * (1 + nu) / (4 + 3 * nu), rel=1e-5)
-    thin_box = Section.box(1.0, 1.0, 1e-6).shear_coefficient(nu)
-    assert thin_box == pytest.approx((20 * (1 + nu) / (48 + 39 * nu),) * 2, rel=1e-9)
+    for section, kappa, rel in (
+        (Section.circle(1.0), 6 * (1 + nu) / (7 + 6 * nu), 1e-12),
+        (Section.rectangle(1.0, 2.0), 10 * (1 + nu) / (12 + 11 * nu), 1e-12),
+        # a very thin tube and a very thin square box tend to Cowper's thin-walled formulas
+        (Section.tube(1.0, 1 - 1e-6), 2 * (1 + nu) / (4 + 3 * nu), 1e-5),
+        (Section.box(1.0, 1.0, 1e-6), 20 * (1 + nu) / (48 + 39 * nu), 1e-9),
+    ):
+        assert section.shear_coefficient(nu) == pytest.approx((kappa, kappa), rel=rel)
 
 
 def test_a_flat_box_shears_more_easily_across_its_flat_side():
@@ -75,40 +78,50 @@ def test_modes_are_mass_normalised_and_satisfy_the_eigenproblem():
     clamped = rod().fixed(["1:y", "1:rz"])
     modes = clamped.modes()
     np.testing.assert_allclose(modes.shapes.T @ clamped.mass @ modes.shapes, np.eye(20), atol=1e-8)
-    left = clamped.stiffness @ modes.shapes[:, :5]
-    np.testing.assert_allclose(
-        left, clamped.mass @ modes.shapes[:, :5] * modes.eigenvalues[:5], atol=1e-7 * np.abs(left).max()
-    )
+    left, right = clamped.stiffness @ modes.shapes[:, :5], clamped.mass @ modes.shapes[:, :5] * modes.eigenvalues[:5]
+    np.testing.assert_allclose(left, right, atol=1e-7 * np.abs(left).max())
 
 
 def test_modal_ratios_repeat_the_last_one():
-    assert ModalDamping((0.01, 0.02)).per_mode(4).tolist() == [0.01, 0.02, 0.02, 0.02]
-    assert ModalDamping((0.01, 0.02)).per_mode(1).tolist() == [0.01]
+    law = ModalDamping((0.01, 0.02))
+    assert (law.per_mode(4).tolist(), law.per_mode(1).tolist()) == ([0.01, 0.02, 0.02, 0.02], [0.01])
+
+
+TWO = ("1:y", "1:rz")
 
 
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: Section.tube(0.02, 0.03),
-        lambda: Section.tube(0.0, 0.0),
+        *(lambda d=d: Section.tube(*d) for d in ((0.02, 0.03), (0.0, 0.0))),
         lambda: Section.rectangle(-1.0, 1.0),
         lambda: Section.box(0.02, 0.02, 0.01),
-        lambda: BeamMaterial(-1.0, 0.3, 7800.0),
-        lambda: BeamMaterial(2e11, 0.5, 7800.0),
-        lambda: ModalDamping(()),
-        lambda: ModalDamping((1.0,)),
+        *(lambda given=given: BeamMaterial(*given, 7800.0) for given in ((-1.0, 0.3), (2e11, 0.5))),
+        *(lambda ratios=ratios: ModalDamping(ratios) for ratios in ((), (1.0,))),
         lambda: LossFactor(-0.1),
         lambda: Rayleigh(-1.0, 0.0),
-        lambda: rod(length=-0.383),
-        lambda: rod(elements=0),
-        lambda: rod(shear_coefficient=-0.5),
+        *(lambda more=more: rod(**more) for more in ({"length": -0.383}, {"elements": 0}, {"shear_coefficient": -0.5})),
         lambda: rod().fixed(["12:y"]),
         lambda: rod().index(["1:x"]),
         lambda: Structure(np.eye(2), np.eye(2), LossFactor(0.0), ("1:y", "1:y")),
-        lambda: Structure(np.eye(3), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
-        lambda: Structure(np.array([[1.0, 2.0], [0.0, 1.0]]), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
-        lambda: Structure(np.diag([np.nan, 1.0]), np.eye(2), LossFactor(0.0), ("1:y", "1:rz")),
+        *(lambda k=k: Structure(np.array(k), np.eye(2), LossFactor(0.0), TWO)
+          for k in (np.eye(3), [[1.0, 2.0], [0.0, 1.0]], np.diag([np.nan, 1.0]))),
     ],
-)
+)  # fmt: skip
 def test_impossible_structures_are_refused_in_one_line(broken):
     refused(broken, ModelError)
+
+
+# the rod that the tests of vibrecords bring along is the rod of jointbayes, computed another way
+
+LINES, DOFS = np.linspace(20.0, 2500.0, 50), ("11:y", "5:y", "1:rz")
+
+
+def test_both_rods_have_the_matrices_of_one_element_and_the_frfs_of_either_damping():
+    ours, (stiffness, mass) = rod(), free_rod()
+    for matrix, theirs in ((ours.stiffness, stiffness), (ours.mass, mass)):
+        np.testing.assert_allclose(matrix, theirs, rtol=1e-9, atol=1e-12 * np.abs(theirs).max())
+    for law, options in ((None, {}), (LossFactor(0.02), {"loss_factor": 0.02})):
+        model = DirectSolve(rod(damping=law), CLAMP, Ports(LINES, DOFS, DOFS[:2]))
+        found = receptance(LINES, DOFS, DOFS[:2], **options)
+        np.testing.assert_allclose(found, model.receptance(pair_matrix(TABLE_3))[0], rtol=1e-5)

@@ -11,12 +11,12 @@ import jointbayes as jb
 from jointbayes.structure import shape_modes
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.shape_modes import ModeTable, _hopeless
-from tests.conftest import pair_matrix
+from tests.conftest import STEEL, TABLE_3, pair_matrix
+from tests.one_line import refused
 from tests.structure.dense import worst
 
-STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
 JOINT = jb.Joint(("1:y", "1:rz"))
-CLAMP = pair_matrix([5.05e9, 3.44e7, 1.52e6])
+CLAMP = pair_matrix(TABLE_3)
 PORTS = jb.Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
 MATERIAL_AND_LENGTH = {"youngs_modulus": (-0.12, 0.12), "density": (-0.06, 0.06), "length": (-0.03, 0.03)}
 MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
@@ -34,6 +34,12 @@ def draws(family, ranges, n, seed=1):
 def worst_against_dense_solve(family, factors):
     """Against the beam assembled on its numbered points, on another mesh than the family's own."""
     return worst(family, JOINT, CLAMP, PORTS, factors)
+
+
+def free_modes(family, size=1.0):
+    """Its free modes for motions of its first two DOFs."""
+    motions = size * np.eye(family.nominal.n_dofs)[:, :2]
+    return family.free_modes(np.arange(len(motions)), motions)
 
 
 def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
@@ -56,15 +62,17 @@ def test_factors_multiply_what_they_name():
     assert_allclose(both.modes().frequency_hz[2:6], light.modes().frequency_hz[2:6] / 1.1, rtol=1e-8)
 
 
-def test_what_is_unknown_or_of_another_damping_law_is_refused():
-    with pytest.raises(jb.ModelError, match="'colour'"):
-        recipe().structure({"colour": 1.0})
-    with pytest.raises(jb.ModelError, match="another kind"):
-        jb.BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)})
-    with pytest.raises(jb.ModelError, match="another kind"):
-        jb.BeamFamily(recipe(jb.LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)})
-    with pytest.raises(jb.ModelError, match="accelerometer"):
-        recipe(accelerometer_mass=-1.0, accelerometer_dofs=("11:y",)).structure()
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (lambda: recipe().structure({"colour": 1.0}), "'colour'"),
+        (lambda: jb.BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)}), "another kind"),
+        (lambda: jb.BeamFamily(recipe(jb.LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)}), "another kind"),
+        (lambda: recipe(accelerometer_mass=-1.0, accelerometer_dofs=("11:y",)).structure(), "accelerometer"),
+    ],
+)
+def test_what_is_unknown_or_of_another_damping_law_is_refused(broken, words):
+    refused(broken, jb.ModelError, words)
 
 
 def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
@@ -77,16 +85,14 @@ def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():
 
 @pytest.mark.science
 def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
-    beam = recipe()
-    ranges = {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}
-    motions = np.eye(jb.BeamFamily(beam, ranges).nominal.n_dofs)[:, :2]
-    first, again = (jb.BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), motions) for _ in range(2))
+    beam, ranges = recipe(), {"length": (-0.01, 0.01), "section_size": (-0.02, 0.02)}
+    first, again = (free_modes(jb.BeamFamily(beam, ranges)) for _ in range(2))
     assert again is first
     others = (
-        jb.BeamFamily(replace(beam, length=1.1 * beam.length), ranges).free_modes(np.arange(len(motions)), motions),
-        jb.BeamFamily(beam, {"length": (-0.02, 0.01)}).free_modes(np.arange(len(motions)), motions),
-        jb.BeamFamily(beam, ranges, exact=True).free_modes(np.arange(len(motions)), motions),
-        jb.BeamFamily(beam, ranges).free_modes(np.arange(len(motions)), 2 * motions),
+        free_modes(jb.BeamFamily(replace(beam, length=1.1 * beam.length), ranges)),
+        free_modes(jb.BeamFamily(beam, {"length": (-0.02, 0.01)})),
+        free_modes(jb.BeamFamily(beam, ranges, exact=True)),
+        free_modes(jb.BeamFamily(beam, ranges), 2.0),
     )
     assert first not in others
     assert np.allclose(2 * first(np.ones((1, 2)))[1], others[-1](np.ones((1, 2)))[1])
@@ -95,10 +101,7 @@ def test_free_modes_that_were_asked_for_before_are_the_same_whoever_asks():
 def test_beams_that_are_described_by_lists_are_solved_all_the_same():
     beam = recipe()
     listed = replace(beam, supports=list(beam.supports))
-    motions = np.eye(jb.BeamFamily(beam, {}).nominal.n_dofs)[:, :2]
-    found, expected = (
-        jb.BeamFamily(one, {}).free_modes(np.arange(len(motions)), motions)(np.ones((1, 0))) for one in (listed, beam)
-    )
+    found, expected = (free_modes(jb.BeamFamily(one, {}))(np.ones((1, 0))) for one in (listed, beam))
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
@@ -158,6 +161,5 @@ def test_of_more_modes_than_any_table_holds_none_is_made(monkeypatch):
     ranges = {"length": (-0.03, 0.03)}
     family = jb.BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
     monkeypatch.setattr("jointbayes.structure.shape_modes.tabulated", none)
-    motions = np.eye(family.nominal.n_dofs)[:, :2]
-    eigenvalues, _ = family.free_modes(np.arange(len(motions)), motions)(np.ones((1, 1)))
+    eigenvalues, _ = free_modes(family)(np.ones((1, 1)))
     assert eigenvalues.shape[1] > 60

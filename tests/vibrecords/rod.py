@@ -1,7 +1,7 @@
 """A steel rod on a joint, whose FRFs these tests read, fit and correct: 383 mm long, 25 mm thick.
 
 Timoshenko elements integrated from their shape functions, so that nothing here needs a model of jointbayes;
-`tests/structure/test_rod.py` compares the two.
+`tests/structure/test_structure.py` compares the two.
 
 References
 ----------

@@ -9,24 +9,15 @@ import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.structure import PointMass, family_of_recipe
 from jointbayes.structure.imported import port_forms, with_beams
+from tests.conftest import STEEL
 
 TOP_HZ = 3000.0
 WAYS = ("x", "y", "z", "rx", "ry", "rz")
-STEEL = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
-TOOL = jb.FrameBody(
-    {"shank": (0.2, 0.01, 0.015), "step": (0.24, 0.01, 0.015), "tip": (0.29, 0.013, 0.015)},
-    (
-        jb.Member(("shank", "step"), jb.Section.circle(0.016), STEEL),
-        jb.Member(
-            ("step", "tip"),
-            jb.Section.circle(0.012),
-            STEEL,
-            jb.Section.circle(0.01),
-            offsets=((0, 0, 0), (0, 0.001, 0)),
-        ),
-    ),
-    (PointMass("tip", 0.02, (1e-5, 1e-5, 1e-5)),),
-)
+SHANK = jb.Member(("shank", "step"), jb.Section.circle(0.016), STEEL)
+TIP_OFFSET = ((0, 0, 0), (0, 0.001, 0))
+TIP = jb.Member(("step", "tip"), jb.Section.circle(0.012), STEEL, jb.Section.circle(0.01), offsets=TIP_OFFSET)
+PLACES = {"shank": (0.2, 0.01, 0.015), "step": (0.24, 0.01, 0.015), "tip": (0.29, 0.013, 0.015)}
+TOOL = jb.FrameBody(PLACES, (SHANK, TIP), (PointMass("tip", 0.02, (1e-5, 1e-5, 1e-5)),))
 JOINT = jb.Joint(tuple(f"tool.shank:{way}" for way in WAYS), tuple(f"seat:{way}" for way in WAYS))
 SPRINGS = np.diag([3e8, 1e8, 2e8, 2e4, 4e4, 3e4])
 
@@ -89,8 +80,7 @@ def test_a_model_of_two_bodies_needs_no_beams_for_that(parts):
     holder = parts[0]
     far = holder.nodes.max()
     both = jb.FeModel(
-        linalg.block_diag(holder.stiffness.toarray(), holder.stiffness.toarray()),
-        linalg.block_diag(holder.mass.toarray(), holder.mass.toarray()),
+        *(linalg.block_diag(*[matrix.toarray()] * 2) for matrix in (holder.stiffness, holder.mass)),
         np.vstack([holder.dofs, np.add(holder.dofs, [far, 0])]),
         np.concatenate([holder.nodes, holder.nodes + far]),
         np.concatenate([holder.places, np.add(holder.places, [0.5, 0, 0])]),

@@ -5,9 +5,10 @@ import subprocess
 
 import numpy as np
 import pytest
-from scipy import io, linalg, sparse
+from scipy import io, sparse
 
 import jointbayes as jb
+from tests.structure.imported.small_frame import frequencies
 
 pytestmark = [
     pytest.mark.skipif(
@@ -47,11 +48,6 @@ def run_calculix(directory, name, step, mm=False, supports=""):
     (directory / f"{name}.inp").write_text("\n".join(line for line in lines if line) + "\n")
     subprocess.run(["ccx", name], cwd=directory, capture_output=True, timeout=60, check=False)
     return directory / f"{name}.sti"
-
-
-def frequencies(model):
-    k, m = model.stiffness.toarray(), model.mass.toarray()
-    return np.sqrt(np.abs(linalg.eigh(k, m, eigvals_only=True))) / 2 / np.pi
 
 
 @pytest.mark.parametrize("mm", [False, True])

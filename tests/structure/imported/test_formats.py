@@ -87,6 +87,7 @@ def op4(form, binary):
     return written
 
 
+MTX, MMF = ("k.mtx", "m.mtx"), ("k.mmf", "m.mmf")
 MARKET, BOEING = small.write_matrix_market, small.write_harwell_boeing
 WRITERS = {
     "npz": lambda folder, k, m: npz(folder, K=k, M=m, dofs=DOFS),
@@ -99,12 +100,10 @@ WRITERS = {
     "MATLAB 7.3": matlab(small.write_matlab_73, np.array),
     "MATLAB 7.3, sparse": matlab(small.write_matlab_73, sparse.csc_array),
     "a struct of MATLAB": struct_of_matlab,
-    "Matrix Market, symmetric": two_files(MARKET, ("k.mtx", "m.mtx"), small.write_map),
-    "Matrix Market, general": two_files(MARKET, ("k.mtx", "m.mtx"), small.write_map, "general"),
-    "Matrix Market, a whole array": two_files(whole_array, ("k.mtx", "m.mtx"), small.write_map),
-    "Matrix Market of Ansys, its mapping beside": two_files(
-        MARKET, ("k.mmf", "m.mmf"), small.write_mapping, beside=True
-    ),
+    "Matrix Market, symmetric": two_files(MARKET, MTX, small.write_map),
+    "Matrix Market, general": two_files(MARKET, MTX, small.write_map, "general"),
+    "Matrix Market, a whole array": two_files(whole_array, MTX, small.write_map),
+    "Matrix Market of Ansys, its mapping beside": two_files(MARKET, MMF, small.write_mapping, beside=True),
     "Harwell-Boeing of Ansys, 1": two_files(BOEING, ("k.matrix", "m.matrix"), small.write_mapping, 1),
     "Harwell-Boeing of Ansys, 3": two_files(BOEING, ("k.matrix", "m.matrix"), small.write_mapping, 3),
     "Harwell-Boeing of SciPy": two_files(harwell_boeing_of_scipy, ("k", "m"), small.write_map),
@@ -112,7 +111,7 @@ WRITERS = {
        for form in ("dense", "bigmat", "nonbigmat") for how in ("binary", "ascii")},
     "DMIG": lambda folder, k, m: (write_punch(folder / "a.pch", KAAX=k, MAAX=m), {}),
     "Abaqus": abaqus,
-    "rows and columns of Abaqus with a map": two_files(rows_and_columns, ("k.mtx", "m.mtx"), small.write_map),
+    "rows and columns of Abaqus with a map": two_files(rows_and_columns, MTX, small.write_map),
 }  # fmt: skip
 
 
