@@ -8,16 +8,9 @@ from hypothesis import strategies as st
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.inference import LogPosterior
-from jointbayes.joint import (
-    COORDINATES,
-    HYPOTHESES,
-    RIGID,
-    ComplianceCoordinates,
-    ElasticCentre,
-    Rigid,
-    joint_under_hypothesis,
-    spring_stiffnesses,
-)
+from jointbayes.joint import COORDINATES, HYPOTHESES, RIGID, ComplianceCoordinates, ElasticCentre, Rigid
+from jointbayes.joint.kinds import joint_under_hypothesis
+from jointbayes.joint.quantities import spring_stiffnesses
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
 from tests.one_line import refused
 from tests.oracles import differences

@@ -8,21 +8,12 @@ from emcee.ensemble import walkers_independent
 from scipy import stats
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import (
-    INTERVAL,
-    Proposal,
-    SamplerSettings,
-    StudentT,
-    UnfinishedRun,
-    fit_proposal,
-    quantile_error,
-    run_adapted,
-    run_ensembles,
-    sampler,
-)
+from jointbayes.sampling import INTERVAL, Proposal, SamplerSettings, StudentT, UnfinishedRun, fit_proposal, sampler
 from jointbayes.sampling.coordinate_maps import Identity
+from jointbayes.sampling.diagnostics import quantile_error
 from jointbayes.sampling.distributions import first_mixture, most_likely_mixture
 from jointbayes.sampling.ensemble import Streams
+from jointbayes.sampling.sampler import run_adapted, run_ensembles
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
 WIDTH = 0.02

@@ -5,19 +5,9 @@ import pytest
 from scipy import stats
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import NormalScores, StudentT, fit_proposal, importance_efficiency
+from jointbayes.sampling import NormalScores, StudentT, distributions, fit_proposal, importance_efficiency
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.distributions import (
-    Pool,
-    StudentMixture,
-    drawn_without_replacement,
-    first_mixture,
-    most_likely_mixture,
-    resampled,
-    split,
-    tempered,
-    truncated,
-)
+from jointbayes.sampling.distributions import Pool, StudentMixture, first_mixture, most_likely_mixture, resampled, split
 from tests.sampling.test_proposal import MEAN, SCALE, fitted, wall
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
@@ -53,9 +43,9 @@ class TestStudentMixture:
 class TestWeights:
     def test_tempering_leaves_enough_draws_and_no_more_than_needed(self):
         log_weight = 50.0 * np.random.default_rng(6).normal(size=1000)
-        weight = tempered(log_weight, 50)
+        weight = distributions.tempered(log_weight, 50)
         assert 1 / (weight**2).sum() >= 50
-        np.testing.assert_allclose(tempered(np.zeros(4), 4), 0.25)
+        np.testing.assert_allclose(distributions.tempered(np.zeros(4), 4), 0.25)
 
     def test_resampling_gives_each_draw_its_share_to_within_one(self):
         weight = np.random.default_rng(7).dirichlet(np.full(20, 0.3))
@@ -166,16 +156,16 @@ class TestFit:
 class TestTruncatedWeights:
     def test_truncation_cuts_at_root_n_times_the_mean(self):
         log_weight = np.log([1.0, 1.0, 100.0])
-        cut = truncated(log_weight, 4)  # a fourth draw had weight zero: mean 25.5, √4 times that 51
+        cut = distributions.truncated(log_weight, 4)  # a fourth draw had weight zero: mean 25.5, √4 times that 51
         np.testing.assert_allclose(np.exp(cut), [1.0, 1.0, 51.0])
 
     def test_draws_are_chosen_by_their_weights_and_none_twice(self):
         rng = np.random.default_rng(1)
-        picked = [drawn_without_replacement(np.log([1.0, 2.0, 7.0]), 2, rng) for _ in range(4000)]
+        picked = [distributions.drawn_without_replacement(np.log([1.0, 2.0, 7.0]), 2, rng) for _ in range(4000)]
         assert all(len(set(one.tolist())) == 2 for one in picked)
         first = np.bincount([one[0] for one in picked], minlength=3) / 4000
         np.testing.assert_allclose(first, [0.1, 0.2, 0.7], atol=0.03)
-        assert len(drawn_without_replacement(np.zeros(3), 9, rng)) == 3
+        assert len(distributions.drawn_without_replacement(np.zeros(3), 9, rng)) == 3
 
 
 @pytest.mark.parametrize(

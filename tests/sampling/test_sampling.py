@@ -13,22 +13,12 @@ from emcee.autocorr import integrated_time
 from scipy.stats import norm, rankdata
 
 from jointbayes.errors import SamplingError
-from jointbayes.sampling import SamplerSettings, quantile_error, run_ensembles
+from jointbayes.sampling import Quantities, SamplerSettings, quantile_error, run_ensembles, stopping
 from jointbayes.sampling.diagnostics import autocorrelation_time, split_r_hat
 from jointbayes.sampling.ensemble import EnsembleState, Streams
 from jointbayes.sampling.moves import advance
 from jointbayes.sampling.sampler import weighted_moves
-from jointbayes.sampling.stopping import (
-    Check,
-    EndError,
-    Quantities,
-    add_end_error,
-    diagnose,
-    expected_steps,
-    judge,
-    next_check,
-    worst_end_error,
-)
+from jointbayes.sampling.stopping import Check, EndError, add_end_error, diagnose, expected_steps, judge, next_check
 from tests.one_line import refused
 
 SHORT = SamplerSettings(walkers=8, max_steps=300, check_every=100)
@@ -182,9 +172,9 @@ class TestStopRule:
         rng = np.random.default_rng(1)
         free, stuck = rng.normal(size=(4, 400, 16)), rng.normal(size=(4, 400, 16))
         stuck[:, :, 0] = np.linspace(2.0, 5.0, 400)  # a walker of each ensemble that stays in the tail
-        found = worst_end_error(np.stack([free, stuck], axis=-1))
-        assert found.tau > 50 > worst_end_error(free[..., None]).tau
-        assert worst_end_error(np.stack([free, stuck], axis=-1), every=4).tau == 4 * found.tau
+        found = stopping.worst_end_error(np.stack([free, stuck], axis=-1))
+        assert found.tau > 50 > stopping.worst_end_error(free[..., None]).tau
+        assert stopping.worst_end_error(np.stack([free, stuck], axis=-1), every=4).tau == 4 * found.tau
 
     def test_is_met_when_all_conditions_hold(self):
         verdict = judge(self.settings, [self.check(tau=101.9), self.check()])
@@ -240,10 +230,10 @@ class TestStopRule:
     def test_the_error_is_that_of_the_quantities_asked_for(self):
         theta = np.random.default_rng(1).normal(size=(4, 1000, 8, 2))
         heavy = Quantities(("wide",), lambda t: np.sinh(3 * t[..., 1:]))
-        found = worst_end_error(theta, heavy)
+        found = stopping.worst_end_error(theta, heavy)
         assert found.name == "wide"
-        assert found.share > 2 * worst_end_error(theta).share
-        assert worst_end_error(np.ones((4, 10, 8, 1))).share == np.inf
+        assert found.share > 2 * stopping.worst_end_error(theta).share
+        assert stopping.worst_end_error(np.ones((4, 10, 8, 1))).share == np.inf
 
     @pytest.mark.parametrize("limit", [200, 250, 3000, 20_000, 200_000, 199_999])
     def test_checks_are_five_percent_apart_end_at_the_limit_and_stay_cheap(self, limit):

@@ -6,22 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from jointbayes.sampling import (
-    Proposal,
-    SamplerSettings,
-    SeveralModes,
-    StudentT,
-    fit_each_mode,
-    fit_proposal,
-    replace_far_walkers,
-    run_ensembles,
-    starting_walkers,
-    starts_of_hills,
-)
+from jointbayes.sampling import Proposal, SamplerSettings, SeveralModes, StudentT, fit_each_mode, fit_proposal
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.moves import JumpMove
-from jointbayes.sampling.proposal import refit_proposal
-from jointbayes.sampling.sampler import weighted_moves
+from jointbayes.sampling.proposal import refit_proposal, starts_of_hills
+from jointbayes.sampling.sampler import replace_far_walkers, run_ensembles, starting_walkers, weighted_moves
 from jointbayes.sampling.stopping import diagnose
 from tests.oracles import differences
 
