@@ -25,12 +25,10 @@ SCRIPT = (
 
 def run(*options, **variables):
     """Standard error of a process that uses one compiled loop."""
-    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {
-        k: str(v) for k, v in variables.items()
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, *options], env=environment, capture_output=True, text=True, check=True
-    )
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    environment |= {k: str(v) for k, v in variables.items()}
+    command = [sys.executable, "-c", SCRIPT, *options]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert done.stdout == "42\n"
     return done.stderr
 

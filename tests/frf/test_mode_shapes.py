@@ -117,9 +117,7 @@ def test_the_derivative_of_joints_with_damping_is_that_of_differences():
     model = AssembledShapes(rod(damping=jb.LossFactor(0.01)), CLAMP, 4, DOFS)
     zero = np.zeros((2, 2))
     matrix = JointMatrix(STIFF, LOSSES, IMAGINARY)
-    directions = JointMatrix(
-        np.array([STIFF, zero, STIFF]), np.array([zero, LOSSES, LOSSES]), np.array([IMAGINARY, zero, zero])
-    )
+    directions = JointMatrix(*np.array([[STIFF, zero, STIFF], [zero, LOSSES, LOSSES], [IMAGINARY, zero, zero]]))
     _, slope = model.tangent(matrix, directions)
     up, down = (
         model.modes(JointMatrix(*(k + sign * 1e-4 * d for k, d in zip(matrix.sides, directions.sides, strict=True))))
@@ -137,9 +135,8 @@ def test_a_family_and_its_factors_give_the_modes_of_the_changed_structure():
     own = AssembledShapes(structure, CLAMP, 3, DOFS).modes(STIFF)
     np.testing.assert_allclose(found.frequency_hz, own.frequency_hz, rtol=1e-6)
     np.testing.assert_allclose(found.damping_ratio, own.damping_ratio, rtol=1e-5)
-    np.testing.assert_allclose(
-        found.shapes[..., 3] / found.shapes[..., 1], own.shapes[..., 3] / own.shapes[..., 1], rtol=1e-5
-    )
+    ratio, expected = (one.shapes[..., 3] / one.shapes[..., 1] for one in (found, own))
+    np.testing.assert_allclose(ratio, expected, rtol=1e-5)
 
 
 def test_more_modes_or_antiresonances_than_there_are_and_dofs_that_do_not_exist_are_refused():

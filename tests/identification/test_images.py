@@ -45,9 +45,7 @@ def full_portal(sensor_mm=250.0):
     """The portal with full matrices at its feet: mirror images of each other but for their sizes."""
     text = study.portal(sensor_mm)
     for foot in "AB":
-        text = text.replace(
-            f'"springs"\ndofs = ["foot{foot}:x", "foot{foot}:y", "foot{foot}:rz"]', FULL.format(foot), 1
-        )
+        text = text.replace(FULL.format(foot).replace("full", "springs"), FULL.format(foot), 1)
     names = ("k11", "k12", "k13", "k22", "k23", "k33")
     rows = [f"{n} = {{ " + ", ".join(f"{k} = {v}" for k, v in zip(names, FEET[n], strict=True)) + " }" for n in "AB"]
     head, begin, _ = text.partition("[data.truth.stiffness]\n")

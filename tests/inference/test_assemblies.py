@@ -97,9 +97,8 @@ def test_what_is_no_scatter_is_refused():
     prior = jb.JointPrior(SPRING, (jb.Normal(1.0, 1.0),), scatters=(AssemblyScatter("ky", pair),))
     refused(lambda: prior.log_density([1.0]), jb.ModelError, "found no prior of a.ky, b.ky")
     problem = case_of(ASSEMBLIES).problem
-    refused(
-        lambda: hypothesis_problem(problem, "rigid"), jb.ModelError, "found a joint that scatters between assemblies"
-    )
+    scatters = "found a joint that scatters between assemblies"
+    refused(lambda: hypothesis_problem(problem, "rigid"), jb.ModelError, scatters)
 
 
 ASSEMBLIES = """

@@ -20,9 +20,8 @@ ROD = rod(elements=4)
 LINES = np.linspace(50.0, 2400.0, 60)
 QUANTITIES = ("receptance", "mobility", "accelerance")
 NORMAL = JointPrior(LogStiffness(), tuple(Normal(np.log(k), 1.5) for k in TABLE_3))
-BOX = JointPrior(
-    SignedCoupling(), (Uniform(np.log(1e6), np.log(1e12)), Uniform(np.log(1e3), np.log(1e9)), Uniform(-1.0, 1.0))
-)
+WIDE = (Uniform.of_logarithm(1e6, 1e12), Uniform.of_logarithm(1e3, 1e9), Uniform(-1.0, 1.0))
+BOX = JointPrior(SignedCoupling(), WIDE)
 
 
 def frf_measurement(quantity="receptance", structure=ROD):

@@ -280,16 +280,14 @@ def normal_logarithms(difference, measured, variance):
     return stats.norm(scale=sd).logpdf(np.log(np.abs(difference + measured)) - np.log(np.abs(measured)))
 
 
-@pytest.mark.parametrize(
-    ("kind", "expected"), [(ComplexResidual, normal_parts), (LogMagnitudeResidual, normal_logarithms)]
-)
-def test_residuals_give_the_normalised_density_of_the_frf_or_of_its_logarithm(kind, expected):
+@pytest.mark.parametrize(("kind", "law"), [(ComplexResidual, normal_parts), (LogMagnitudeResidual, normal_logarithms)])
+def test_residuals_give_the_normalised_density_of_the_frf_or_of_its_logarithm(kind, law):
     measured, predicted = residuals(17, (4, 2, 1), 2), residuals(18, (3, 8, 1), 2).reshape(3, 4, 2, 1)
     variance = np.random.default_rng(19).uniform(0.01, 0.2, measured.shape)
     variance[0] = 1e3  # nothing but noise
     made = kind(measured, variance)
     value = made.constant + GaussianNoise(made.parts).log_likelihood(made.z(predicted), np.empty((3, 0)))
-    assert_allclose(value, expected(predicted - measured, measured, variance).sum(axis=(1, 2, 3)), rtol=1e-12)
+    assert_allclose(value, law(predicted - measured, measured, variance).sum(axis=(1, 2, 3)), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["complex", "log_magnitude"])

@@ -128,9 +128,8 @@ def test_noise_may_be_that_of_each_test():
     problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
     assert problem.log_posterior.likelihood.hyper_count == 2
     theta = np.concatenate([np.log(TABLE_3), [0.01, 0.3, -0.2]])
-    lone = [
-        alone(one, JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))) for one in tests
-    ]
+    prior = JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))
+    lone = [alone(one, prior) for one in tests]
     expected = [own.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4 + i]])[0] for i, own in enumerate(lone)]
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), [sum(expected)], rtol=1e-12)
     found = [part.log_posterior.log_likelihood(theta)[0] for part in problem.parts]

@@ -31,9 +31,8 @@ def draws(place):
         keeper.begin({"seed": "4"})
         if keeper.estimate is None:
             keeper.keep_estimate({"found": 1})
-        chains, _ = run_adapted(
-            gaussian, start, np.random.default_rng(4), SETTINGS, systems=[Identity()], proposal=proposal, keeper=keeper
-        )
+        given = {"systems": [Identity()], "proposal": proposal, "keeper": keeper}
+        chains, _ = run_adapted(gaussian, start, np.random.default_rng(4), SETTINGS, **given)
         keeper.discard()
     return chains.theta.tobytes()
 

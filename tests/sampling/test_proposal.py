@@ -164,9 +164,8 @@ class TestRobustness:
     def test_a_joint_at_the_edge_of_the_coordinates(self):
         coordinates = ComplianceCoordinates(LogStiffness())
         theta = np.array([20.0, 17.0 - 1e-9, 14.0])  # k12² within 2e-9 of k11 k22
-        found = fitted(
-            lambda t: np.where(coordinates.parametrisation.feasible(t), 0.0, -np.inf), theta, np.eye(3), coordinates
-        )
+        feasible = coordinates.parametrisation.feasible
+        found = fitted(lambda t: np.where(feasible(t), 0.0, -np.inf), theta, np.eye(3), coordinates)
         assert 0.0 <= found.efficiency <= 1.0
 
     def test_a_log_density_that_is_nan_is_refused(self):

@@ -58,11 +58,9 @@ JUDGED = Quantities(("a", "b", "m"), everything)
 def test_a_thin_curved_sheet_is_followed_as_it_opens(seed):
     rng = np.random.default_rng(seed)
     systems = (Compliance(), NormalScores(LOW, HIGH))
-    restraint = Restraint(np.array([2]), np.array([1.0]))
-    told: list[str] = []
-    theta, effective, _ = released_draws(
-        curved_sheet, systems, restrained(rng), rng, JUDGED, restraint=restraint, tell=told.append
-    )
+    told, start = [], restrained(rng)
+    more = {"restraint": Restraint(np.array([2]), np.array([1.0])), "tell": told.append}
+    theta, effective, _ = released_draws(curved_sheet, systems, start, rng, JUDGED, **more)
     assert [line.partition(" of ")[0] for line in told] == [f"round {number}" for number in range(1, len(told) + 1)]
     assert len(told) >= 2
     assert effective >= 400

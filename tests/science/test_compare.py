@@ -93,9 +93,8 @@ def test_the_page_on_comparison_shows_the_evidences_that_are_found():
     shipped = compare([load_case(CONFIGS / f"{name}.toml") for name in (LONG, SHORT)], seed=1)
     found = {(c.case, c.hypothesis): c for c in shipped.candidates}
     page = (CONFIGS.parent / "docs" / "comparison.md").read_text(encoding="utf-8")
-    rows = [
-        [cell.strip(" `") for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:3] == "| `"
-    ]
+    lines = [line.strip("|").split("|") for line in page.splitlines() if line[:3] == "| `"]
+    rows = [[cell.strip(" `") for cell in line] for line in lines]
     shown = {(case, hypothesis): log_z for hypothesis, case, log_z, *_ in rows if case in (LONG, SHORT)}
     assert shown.keys() == found.keys()
     for key, text in shown.items():

@@ -18,12 +18,9 @@ k22c = { distribution = "log_uniform", low = 1e5, high = 1e7 }
 def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same(cheap_posterior):
     """Draws in the coordinates of the centre, weighted by the ratio of the priors over the stiffnesses."""
     stated = jb.case_from_text("stated", cheap_text())
-    text = cheap_text()
+    text = edited(cheap_text(), ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '))
     start, end = text.index("[prior.k12]"), text.index("[data]")
-    text = edited(
-        text[:start] + CENTRE + "\n" + text[end:], ('parametrisation = "log" ', 'parametrisation = "elastic_centre" ')
-    )
-    case = jb.case_from_text("centre", text)
+    case = jb.case_from_text("centre", f"{text[:start]}{CENTRE}\n{text[end:]}")
     assert isinstance(case.problem.parametrisation, ElasticCentre)
     settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.03)
     posterior, expected = jb.sample(case, seed=1, settings=settings), cheap_posterior
@@ -34,9 +31,8 @@ def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same(cheap_pos
     inside = logs.describes(posterior.stiffness)
     theta = logs.coordinates(posterior.stiffness[inside])
     slope = centre.log_slope(posterior.theta[inside]) - logs.log_slope(theta)
-    log_weight = (
-        stated.problem.prior.log_density(theta) + slope - case.problem.prior.log_density(posterior.theta[inside])
-    )
+    log_weight = stated.problem.prior.log_density(theta) + slope
+    log_weight -= case.problem.prior.log_density(posterior.theta[inside])
     weight = np.exp(log_weight - log_weight.max())
     effective = weight.sum() ** 2 / (weight**2).sum() / len(weight) * min(posterior.record.sampler["ess"].values())
     assert effective > 300

@@ -9,9 +9,7 @@ from tests.conftest import TO_CONVERGE
 
 
 @pytest.mark.science
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.long] * (kind == "uncertain")) for kind in KINDS]
-)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=[pytest.mark.long] * (k == "uncertain")) for k in KINDS])
 def test_exact_data_are_explained(kind):
     outcome = analyse(kind, 1, replace(TO_CONVERGE, walkers=24))
     assert outcome.finding == "explained"

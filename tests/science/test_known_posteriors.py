@@ -83,9 +83,8 @@ def test_both_modes_and_their_weights_are_found_from_a_start_that_knows_neither(
     rng = np.random.default_rng(17)
     # fitted to the left mode alone, of which it knows the width
     left = Proposal(StudentT(np.array([-3.0, 0.0]), np.eye(2), 5.0), efficiency=0.6, evaluations=0)
-    draws = sampled(
-        target, seed=18, start=4.0 * rng.normal(size=(ENSEMBLES * WALKERS, 2)), proposal=left, settings=FULL
-    )
+    start = 4.0 * rng.normal(size=(ENSEMBLES * WALKERS, 2))
+    draws = sampled(target, seed=18, start=start, proposal=left, settings=FULL)
     right = (draws[..., :1] > 0.0).astype(float)
     error = np.sqrt(0.7 * 0.3 * autocorrelation_time(right)[0] / right.size)
     expected = 1.0 - target.marginals[0](np.zeros(1))[0]

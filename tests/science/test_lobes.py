@@ -21,9 +21,8 @@ def test_the_coefficients_of_a_slot_are_those_of_the_paper():
     lobes = example()
     # (Altintas and Budak 1995) of a full slot: π/2 (−K_r, −1; 1, −K_r) in their signs, by the ends 0 and π
     k = lobes.RADIAL
-    assert lobes.averaged_coefficients(0.0, np.pi) == pytest.approx(
-        np.pi * np.array([[-k, -1.0], [1.0, -k]]), rel=1e-12
-    )
+    expected = np.pi * np.array([[-k, -1.0], [1.0, -k]])
+    assert lobes.averaged_coefficients(0.0, np.pi) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.science

@@ -17,9 +17,8 @@ def test_the_sign_of_a_rotation_is_that_of_a_rod_along_any_axis(axis):
     lines = np.array([60.0, 350.0])
     far, near = (tuple(length * (i == axis) for i in range(3)) for length in (0.3, 0.299))
     rod = Member(("root", "near", "tip"), Section.rectangle(0.02, 0.03), BeamMaterial(2.1e11, 0.3, 7800.0))
-    free = FrameRecipe(
-        FrameBody({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,)), LossFactor(0.02)
-    ).structure()
+    body = FrameBody({"root": (0.0, 0.0, 0.0), "near": near, "tip": far}, (rod,))
+    free = FrameRecipe(body, LossFactor(0.02)).structure()
     root = Joint(tuple(f"root:{way}" for way in ("x", "y", "z", "rx", "ry", "rz")))
     for across in (i for i in range(3) if i != axis):
         direction, turn = "xyz"[across], f"r{'xyz'[3 - axis - across]}"
