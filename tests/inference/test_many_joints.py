@@ -5,7 +5,6 @@ import pytest
 from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Uniform
 from jointbayes.inference.prior import log_probability_inside
@@ -101,12 +100,6 @@ def test_the_cones_of_several_joints_leave_the_product_of_their_probabilities():
     turned = prior.transform(np.random.default_rng(2).random((4000, 6)))
     assert prior.feasible(turned).all()
     np.testing.assert_allclose(turned.mean(axis=0), drawn.mean(axis=0), atol=0.25)
-
-
-def test_joints_and_prior_of_other_sizes_are_refused_in_one_line():
-    problem, *_ = joined(ModalDamping((0.01,)))
-    with pytest.raises(ModelError, match=r"joints with 8 DOFs and joints with 2|a parametrisation of each joint"):
-        jb.Problem(structure=rod(), joint=Joint(("1:y", "1:rz")), data=problem.test.data, prior=problem.prior)
 
 
 @pytest.mark.long

@@ -94,9 +94,6 @@ class TestAutocorrelationTime:
         # emcee's own window gives 1 here, the best τ there is.
         assert autocorrelation_time(np.repeat(places, 200, axis=1))[0] == pytest.approx(200.0, rel=0.02)
 
-    def test_a_constant_parameter_has_infinite_tau(self):
-        assert autocorrelation_time(np.ones((4, 50, 8, 1)))[0] == np.inf
-
     @pytest.mark.parametrize("shape", [(100, 8, 1), (4, 1, 8, 1)])
     def test_other_shapes_are_refused(self, shape):
         refused(lambda: autocorrelation_time(np.zeros(shape)), SamplingError, "found draws of shape (")
@@ -138,9 +135,6 @@ class TestSplitRHat:
         expected = max(plain(halves), plain(np.abs(halves - np.median(halves))))
         assert split_r_hat(x)[0] == pytest.approx(expected, rel=1e-12)
 
-    def test_draws_that_never_vary_give_infinity(self):
-        assert split_r_hat(np.ones((4, 10, 8, 1)))[0] == np.inf
-
 
 class TestQuantileError:
     @pytest.mark.parametrize("probability", [0.025, 0.5, 0.975])
@@ -156,8 +150,11 @@ class TestQuantileError:
         slope = 2 * np.exp(2 * np.quantile(draws, 0.975))
         assert quantile_error(np.exp(2 * draws), 0.975) == pytest.approx(slope * quantile_error(draws, 0.975), rel=0.02)
 
-    def test_draws_that_never_vary_tell_no_error(self):
-        assert quantile_error(np.ones((4, 10, 8)), 0.5) == np.inf
+
+def test_draws_that_never_vary_tell_nothing():
+    same = np.ones((4, 50, 8, 1))
+    told = autocorrelation_time(same)[0], split_r_hat(same)[0], quantile_error(same[..., 0], 0.5)
+    assert (*told, stopping.worst_end_error(same).share) == (np.inf,) * 4
 
 
 class TestStopRule:
@@ -233,7 +230,6 @@ class TestStopRule:
         found = stopping.worst_end_error(theta, heavy)
         assert found.name == "wide"
         assert found.share > 2 * stopping.worst_end_error(theta).share
-        assert stopping.worst_end_error(np.ones((4, 10, 8, 1))).share == np.inf
 
     @pytest.mark.parametrize("limit", [200, 250, 3000, 20_000, 200_000, 199_999])
     def test_checks_are_five_percent_apart_end_at_the_limit_and_stay_cheap(self, limit):

@@ -18,7 +18,6 @@ def found():
 
 
 @pytest.mark.long
-@pytest.mark.long
 def test_mean_and_scatter_are_those_of_the_population(found):
     scores = np.array([one.score for one in found])
     assert np.abs(scores).max() < 3.9  # of 24 normal ones, in 499 of 500 samples

@@ -52,14 +52,8 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     assert worst_against_dense_solve(family, draws(family, ranges, 3)) < 1e-6
 
 
-def test_factors_multiply_what_they_name():
-    beam = recipe().structure({"damping_ratio": 2.0, "damping_ratio_2": 3.0})
-    assert_allclose(beam.damping.ratios, (0.02, 0.12))
-    heavy, light = recipe(**MASS).structure({"accelerometer_mass": 2.0}), recipe().structure()
-    at = heavy.index(["11:y"])[0]
-    assert heavy.mass[at, at] - light.mass[at, at] == pytest.approx(0.04)
-    both = recipe().structure({"section_size": 1.1, "length": 1.1})
-    assert_allclose(both.modes().frequency_hz[2:6], light.modes().frequency_hz[2:6] / 1.1, rtol=1e-8)
+def test_factors_on_all_damping_ratios_and_on_one_multiply():
+    assert_allclose(recipe().structure({"damping_ratio": 2.0, "damping_ratio_2": 3.0}).damping.ratios, (0.02, 0.12))
 
 
 @pytest.mark.parametrize(
