@@ -35,6 +35,11 @@ def model_of(structure, joint, ports):
     return (AssembledModes if modal else LowRankCoupling)(structure, joint, ports)
 
 
+def both_of(law, joint, ports):
+    """The model of a damping law with a kernel, and the direct solve."""
+    return model_of(with_law(law), joint, ports), DirectSolve(with_law(law), joint, ports)
+
+
 def random_joints(count, seed):
     """K^J over twelve decades in each stiffness, any coupling; absent, half absent and rigid ones among them."""
     rng = np.random.default_rng(seed)
@@ -48,14 +53,12 @@ def random_joints(count, seed):
 @pytest.mark.science
 @pytest.mark.parametrize("law", first_in_ci(["loss factor", "modal"], 1))
 def test_ten_thousand_joints_over_twelve_decades_agree_with_the_direct_solve(law):
-    structure = with_law(law)
-    ports = Ports(np.geomspace(20.0, 2500.0, 6), ("11:y",), ("11:y",))
-    model, direct = model_of(structure, CLAMP, ports), DirectSolve(structure, CLAMP, ports)
+    model, direct = both_of(law, CLAMP, Ports(np.geomspace(20.0, 2500.0, 6), ("11:y",), ("11:y",)))
     for batch in np.array_split(random_joints(10_000, seed=5), 20):
         assert off_peak(model.receptance(batch), direct.receptance(batch), axis=1) < 1e-9
 
 
-END = ("1:y", "1:rz", "5:y")
+END, TIP = ("1:y", "1:rz", "5:y"), ("11:y",)
 
 
 def joints_at(dofs):
@@ -66,9 +69,8 @@ def joints_at(dofs):
 @pytest.mark.parametrize("dofs", [END[:1], END[:2], END, tuple(f"{n}:y" for n in range(1, 7))])
 @pytest.mark.parametrize("law", LAWS)
 def test_joints_of_any_number_of_dofs(law, dofs):
-    structure, joint, r = with_law(law), joints_at(dofs), len(dofs)
-    ports = Ports(np.geomspace(20.0, 2500.0, 40), ("11:y", "1:y"), ("11:y",))
-    model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
+    r, ports = len(dofs), Ports(np.geomspace(20.0, 2500.0, 40), ("11:y", "1:y"), ("11:y",))
+    model, direct = both_of(law, joints_at(dofs), ports)
     rng = np.random.default_rng(r)
     factors = rng.normal(size=(12, r, r)) * 10 ** rng.uniform(1, 5, size=(12, r, 1))
     matrices = factors @ factors.swapaxes(1, 2)
@@ -94,9 +96,9 @@ def joints_of_many_dofs(r, seed):
 @pytest.mark.parametrize("r", [2, 3, 6])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_misfit_kernel_computes_the_distance_of_the_direct_solve(law, r):
-    structure, joint = with_law(law), CLAMP if r == 2 else joints_at([f"{n}:y" for n in range(1, r + 1)])
+    joint = CLAMP if r == 2 else joints_at([f"{n}:y" for n in range(1, r + 1)])
     ports = Ports(np.geomspace(20.0, 2500.0, 70), ("11:y", "9:rz", *["1:y"] * (r == 2)), ("11:y", "8:y"))
-    model, direct = model_of(structure, joint, ports), DirectSolve(structure, joint, ports)
+    model, direct = both_of(law, joint, ports)
     for matrix in random_joints(40, seed=6) if r == 2 else joints_of_many_dofs(r, seed=r):
         expected = direct.receptance(matrix)[0]
         per_peak = np.broadcast_to(1 / np.abs(expected).max(axis=0), expected.shape)
@@ -115,10 +117,8 @@ def test_the_misfit_kernel_computes_the_distance_of_the_direct_solve(law, r):
 @pytest.mark.parametrize("dofs", [END[:2], END])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_gradient_is_the_slope_of_the_likelihood(law, dofs):
-    structure, joint, r = with_law(law), joints_at(dofs), len(dofs)
-    ports = Ports(np.geomspace(20.0, 2500.0, 100), ("11:y", "1:rz"), ("11:y",))
-    model = model_of(structure, joint, ports)
-    rng = np.random.default_rng(3)
+    ports, r = Ports(np.geomspace(20.0, 2500.0, 100), ("11:y", "1:rz"), ("11:y",)), len(dofs)
+    model, rng = model_of(with_law(law), joints_at(dofs), ports), np.random.default_rng(3)
     size = np.array([1e8, 1e5, 1e7])[:r]
     matrices = np.stack([np.diag(size) + 0.2 * s * np.sqrt(np.outer(size, size)) for s in (-1, 1)])
     measured = model.receptance(matrices[0] * 1.3)[0]
@@ -235,9 +235,7 @@ class TestSecularEquation:
 @pytest.mark.parametrize("law", first_in_ci(["modal", "loss factor"], 1))
 def test_memory_does_not_grow_with_walkers_times_lines(law):
     lines, joints = 50_000, 64
-    structure = with_law(law)
-    ports = Ports(np.linspace(20.0, 2500.0, lines), ("11:y",), ("11:y",))
-    model = model_of(structure, CLAMP, ports)
+    model = model_of(with_law(law), CLAMP, Ports(np.linspace(20.0, 2500.0, lines), TIP, TIP))
     matrices = pair_matrix(np.array(TABLE_3) * np.ones((joints, 1)))
     measured = model.receptance(matrices[0])[0]
     misfit = model.misfit(measured, 1 / np.abs(measured))
@@ -252,9 +250,7 @@ def test_memory_does_not_grow_with_walkers_times_lines(law):
 @pytest.mark.science
 def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
     """The guard against a regression: a ratio within one process, no absolute time."""
-    structure = with_law("loss factor")
-    ports = Ports(np.arange(2.0, 2502.0, 2.0), ("11:y",), ("11:y",))
-    model = model_of(structure, CLAMP, ports)
+    model = model_of(with_law("loss factor"), CLAMP, Ports(np.arange(2.0, 2502.0, 2.0), TIP, TIP))
     matrices = pair_matrix(np.array(TABLE_3) * np.exp(0.1 * np.random.default_rng(0).normal(size=(64, 1))))
     measured = model.receptance(matrices[0])[0]
     weight = 1 / np.abs(measured)
@@ -274,10 +270,11 @@ def test_the_kernel_beats_the_closed_form_in_numpy_by_far():
 
 
 def misfit_of_many_dofs():
-    structure, joint = with_law("loss factor"), joints_at([f"{n}:y" for n in range(1, 7)])
-    ports = Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",))
-    matrices = joints_of_many_dofs(6, seed=1)
-    model = model_of(structure, joint, ports)
+    joint, ports = (
+        joints_at([f"{n}:y" for n in range(1, 7)]),
+        Ports(np.arange(20.0, 2500.0, 10.0), ("11:y",), ("11:y",)),
+    )
+    model, matrices = model_of(with_law("loss factor"), joint, ports), joints_of_many_dofs(6, seed=1)
     measured = model.receptance(matrices[10])[0]
     return model.misfit(measured, 1 / np.abs(measured)), matrices
 

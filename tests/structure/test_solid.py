@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 
 import jointbayes as jb
 from jointbayes.frf import Ports, receptance_model
-from vibrecords import FrfSet
+from tests.oracles import noisy_frfs
 
 pytest.importorskip("skfem", reason="scikit-fem, whose matrices the example of docs/developing.md takes")
 from tests.structure.solid import Solid
@@ -76,13 +76,11 @@ def test_its_modes_can_be_sent_to_workers(solid):
 
 @pytest.mark.science
 def test_the_springs_at_its_corner_are_found_and_reported(solid, tmp_path):
-    outputs, rng = sensors(solid), np.random.default_rng(5)
+    outputs = sensors(solid)
     values = exact(solid, outputs, SPRINGS)[:, :, None]
-    size = 0.02 * np.abs(values)
-    error = rng.standard_normal((2, *values.shape))
-    frf = FrfSet(LINES, values + size * (error[0] + 1j * error[1]) / np.sqrt(2), outputs, outputs[-1:])
+    data = noisy_frfs(values, Ports(LINES, outputs, outputs[-1:]), seed=5, relative=0.02 / np.sqrt(2), floor=0.0)
     prior = jb.JointPrior(KIND, tuple(jb.Normal.from_decades(1e7, 1.0) for _ in SPRINGS))
-    asked = jb.Problem(structure=solid, joint=jb.Joint(HELD), data=jb.FrfData(frf, size**2), prior=prior)
+    asked = jb.Problem(structure=solid, joint=jb.Joint(HELD), data=data, prior=prior)
     posterior = jb.sample(asked, seed=1, settings=jb.SamplerSettings(max_steps=1500))
     jb.write_report(posterior, tmp_path / "solid")
     found = json.loads((tmp_path / "solid" / "summary.json").read_text())["parameters"]
