@@ -24,30 +24,33 @@ def gaussian(dimension):
     covariance = correlation * np.outer(scale, scale)
     precision, factor = np.linalg.inv(covariance), np.linalg.cholesky(covariance)
     mean = np.arange(dimension) - 1.0
-    return Target(
-        log_density=lambda x: -0.5 * np.einsum("ni,ij,nj->n", x - mean, precision, x - mean),
-        exact=lambda n, rng: mean + rng.normal(size=(n, dimension)) @ factor.T,
-        mean=mean,
-        covariance=covariance,
-        marginals=tuple(stats.norm(m, s).cdf for m, s in zip(mean, scale, strict=True)),
-    )
+
+    def log_density(x):
+        return -0.5 * np.einsum("ni,ij,nj->n", x - mean, precision, x - mean)
+
+    def exact(n, rng):
+        return mean + rng.normal(size=(n, dimension)) @ factor.T
+
+    marginals = tuple(stats.norm(m, s).cdf for m, s in zip(mean, scale, strict=True))
+    return Target(log_density, exact, mean, covariance, marginals)
 
 
 def student_t(freedom=5, dimension=3):
+    def log_density(x):
+        return -0.5 * (freedom + dimension) * np.log1p(np.sum(x**2, axis=1) / freedom)
+
     def exact(n, rng):
         return rng.normal(size=(n, dimension)) / np.sqrt(rng.chisquare(freedom, size=(n, 1)) / freedom)
 
-    return Target(
-        log_density=lambda x: -0.5 * (freedom + dimension) * np.log1p(np.sum(x**2, axis=1) / freedom),
-        exact=exact,
-        mean=np.zeros(dimension),
-        covariance=np.eye(dimension) * freedom / (freedom - 2),
-        marginals=(stats.t(freedom).cdf,) * dimension,
-    )
+    covariance = np.eye(dimension) * freedom / (freedom - 2)
+    return Target(log_density, exact, np.zeros(dimension), covariance, (stats.t(freedom).cdf,) * dimension)
 
 
 def banana(width=0.5):
     """x ~ N(0, 1), y | x ~ N(x², width²): E y = 1, var y = 2 + width², cov = 0."""
+
+    def log_density(x):
+        return -0.5 * (x[:, 0] ** 2 + ((x[:, 1] - x[:, 0] ** 2) / width) ** 2)
 
     def exact(n, rng):
         x = rng.normal(size=n)
@@ -56,13 +59,8 @@ def banana(width=0.5):
     grid = np.linspace(-8.0, 80.0, 4001)
     nodes, weights = np.polynomial.hermite_e.hermegauss(200)
     distribution = stats.norm.cdf((grid[:, None] - nodes**2) / width) @ (weights / weights.sum())
-    return Target(
-        log_density=lambda x: -0.5 * (x[:, 0] ** 2 + ((x[:, 1] - x[:, 0] ** 2) / width) ** 2),
-        exact=exact,
-        mean=np.array([0.0, 1.0]),
-        covariance=np.diag([1.0, 2.0 + width**2]),
-        marginals=(stats.norm.cdf, lambda y: np.interp(y, grid, distribution)),
-    )
+    marginals = stats.norm.cdf, lambda y: np.interp(y, grid, distribution)
+    return Target(log_density, exact, np.array([0.0, 1.0]), np.diag([1.0, 2.0 + width**2]), marginals)
 
 
 def truncated_gaussian():
@@ -71,14 +69,12 @@ def truncated_gaussian():
     def exact(n, rng):
         return np.column_stack([stats.truncnorm.rvs(1.0, np.inf, size=n, random_state=rng), rng.normal(size=n)])
 
+    def log_density(x):
+        return np.where(x[:, 0] > 1.0, -0.5 * np.sum(x**2, axis=1), -np.inf)
+
     wall = stats.truncnorm(1.0, np.inf)
-    return Target(
-        log_density=lambda x: np.where(x[:, 0] > 1.0, -0.5 * np.sum(x**2, axis=1), -np.inf),
-        exact=exact,
-        mean=np.array([wall.mean(), 0.0]),
-        covariance=np.diag([wall.var(), 1.0]),
-        marginals=(wall.cdf, stats.norm.cdf),
-    )
+    mean, covariance = np.array([wall.mean(), 0.0]), np.diag([wall.var(), 1.0])
+    return Target(log_density, exact, mean, covariance, (wall.cdf, stats.norm.cdf))
 
 
 def two_modes(distance=6.0, weight=0.7):
@@ -95,13 +91,8 @@ def two_modes(distance=6.0, weight=0.7):
     def distribution(x):
         return weight * stats.norm.cdf(x + distance / 2) + (1 - weight) * stats.norm.cdf(x - distance / 2)
 
-    return Target(
-        log_density=log_density,
-        exact=exact,
-        mean=np.array([(0.5 - weight) * distance, 0.0]),
-        covariance=np.diag([1.0 + weight * (1 - weight) * distance**2, 1.0]),
-        marginals=(distribution, stats.norm.cdf),
-    )
+    mean, covariance = np.array([(0.5 - weight) * distance, 0.0]), [1.0 + weight * (1 - weight) * distance**2, 1.0]
+    return Target(log_density, exact, mean, np.diag(covariance), (distribution, stats.norm.cdf))
 
 
 TARGETS = {f"gaussian-{d}": gaussian(d) for d in (1, 3, 6)}

@@ -1,24 +1,67 @@
-"""Wrong models: the answer by modes holds the true joint, or the light of the model says that something is wrong.
+"""Wrong models: the answer by modes holds the true joint, or the light of the model or a condition says what is wrong.
 
-One data set each; benchmarks/wrong_model.py has the long study, docs/wrong-model.md what it found.
+One data set each of `benchmarks.wrong_model`, `wrong_verdicts` and, for right models, `false_alarms`; the long studies
+are these, docs/wrong-model.md what they found.
 """
 
+from dataclasses import replace
+from itertools import product
+
 import pytest
-from benchmarks.wrong_model import BEAMS, WRONGS, analyse
+from benchmarks import false_alarms, wrong_model, wrong_verdicts
 
-from tests.conftest import first_in_ci
+from tests.conftest import TO_CONVERGE, first_in_ci
 
-pytestmark = pytest.mark.science
+science = pytest.mark.science
 _KINDS = [("nothing", "stocky"), ("length 5 % off", "slender")]
-_KINDS += [pair for pair in ((wrong, beam) for wrong in WRONGS for beam in BEAMS) if pair not in _KINDS]
+_KINDS += [pair for pair in product(wrong_model.WRONGS, wrong_model.BEAMS) if pair not in _KINDS]
+_LOW, _ = wrong_verdicts.BANDS
+_VERDICTS = list(product(wrong_verdicts.BANDS, wrong_verdicts.NOISES, wrong_verdicts.WRONGS))
 
 
+@science
 @pytest.mark.parametrize(("wrong", "beam"), first_in_ci(_KINDS, 1))
 def test_nothing_is_identified_where_the_truth_is_far_outside_and_the_light_of_a_right_model_is_green(wrong, beam):
-    outcome = analyse(wrong, beam, 1)
+    outcome = wrong_model.analyse(wrong, beam, 1)
     assert outcome.outside == outcome.identified == ()
     if wrong == "nothing":
         assert outcome.held == ("ky", "krz")
         assert outcome.grade in ("usual", "negligible")
     if wrong == "length 5 % off" and beam == "slender":
         assert outcome.grade in ("large", "impossible")
+
+
+@science
+def test_what_the_check_cannot_see_the_freed_inputs_do():
+    outcome, posterior = wrong_verdicts.analyse(wrong_verdicts.WRONGS[0], 0.10, _LOW, 1, TO_CONVERGE)
+    assert outcome.explains
+    assert "ky" in outcome.missed
+    assert posterior.verdict("ky").verdict == "identified"
+    condition = "identified only if Young's modulus, density, length and damping ratio are exact"
+    assert outcome.verdicts == {"ky": condition, "krz": condition}
+    assert outcome.false == ()
+    assert "| length 1 % off | 10 % | to 500 Hz | 1 | 1 | 1 | 0 |" in wrong_verdicts.table([outcome])
+
+
+@science
+@pytest.mark.parametrize(("band", "noise", "wrong"), first_in_ci(_VERDICTS, 1))
+def test_nothing_is_identified_without_condition_that_is_not(wrong, noise, band):
+    outcome, _ = wrong_verdicts.analyse(wrong, noise, band, 2, TO_CONVERGE)
+    assert outcome.false == ()
+
+
+@science
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=[pytest.mark.long] * (k == "uncertain")) for k in false_alarms.KINDS]
+)
+def test_exact_data_are_explained(kind):
+    outcome = false_alarms.analyse(kind, 1, replace(TO_CONVERGE, walkers=24))
+    assert outcome.finding == "explained"
+    assert f"| {kind} | 1 | 0 |" in false_alarms.table([outcome])
+
+
+@pytest.mark.docs
+@pytest.mark.parametrize("kind", false_alarms.KINDS)
+def test_each_data_set_has_noise_of_its_own(kind):
+    first, again, other = (false_alarms.text_of(kind, seed) for seed in (1, 1, 2))
+    assert first == again != other
