@@ -119,10 +119,8 @@ def test_the_derivative_of_joints_with_damping_is_that_of_differences():
     matrix = JointMatrix(STIFF, LOSSES, IMAGINARY)
     directions = JointMatrix(*np.array([[STIFF, zero, STIFF], [zero, LOSSES, LOSSES], [IMAGINARY, zero, zero]]))
     _, slope = model.tangent(matrix, directions)
-    up, down = (
-        model.modes(JointMatrix(*(k + sign * 1e-4 * d for k, d in zip(matrix.sides, directions.sides, strict=True))))
-        for sign in (1, -1)
-    )
+    sides = list(zip(matrix.sides, directions.sides, strict=True))
+    up, down = (model.modes(JointMatrix(*(k + step * d for k, d in sides))) for step in (1e-4, -1e-4))
     difference = (up.damping_ratio - down.damping_ratio) / 2e-4
     np.testing.assert_allclose(slope.damping_ratio, difference, rtol=1e-5, atol=1e-8)
 
@@ -159,10 +157,9 @@ def modes_below(structure: jb.Structure, matrix: np.ndarray, held: str, frequenc
             if held not in (first, second):
                 row, column = (kept.index(int(structure.index([dof])[0])) for dof in (first, second))
                 stiffness[row][column] += Fraction(float(matrix[i, j]))
-    dynamic = [
-        [k - square * Fraction(float(structure.mass[i, j])) for k, j in zip(row, kept, strict=True)]
-        for row, i in zip(stiffness, kept, strict=True)
-    ]
+    mass = [[Fraction(float(structure.mass[i, j])) for j in kept] for i in kept]
+    rows = zip(stiffness, mass, strict=True)
+    dynamic = [[k - square * m for k, m in zip(*row, strict=True)] for row in rows]
     negative = 0
     for p, pivot_row in enumerate(dynamic):
         negative += pivot_row[p] < 0

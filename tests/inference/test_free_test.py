@@ -144,8 +144,8 @@ def test_two_tests_leave_the_posterior_of_a_grid_of_dense_eigenproblems():
     """Two plain springs and E: all stiffnesses over E and √E on all frequencies; the free bar knows √E alone."""
     body, springs = beam_family(("youngs_modulus",)), parametrisation_named("springs", ("y", "rz"))
     truth, sd = np.array([2e8, 2e5]), 0.002
-    data = [NaturalFrequencies(rod(), CLAMP, 3).frequency_hz(np.diag(truth)[None])[0] * 1.004]
-    data.append(NaturalFrequencies(rod(), NOTHING, 3).frequency_hz(NO_JOINT)[0] * 1.005)
+    data = [1.004 * frequencies(CLAMP, np.diag(truth)[None]).frequency_hz]
+    data.append(1.005 * frequencies(NOTHING, NO_JOINT).frequency_hz)
     middle, width = np.log(truth), 2.0
     prior = JointPrior(blocks_of({"": springs}), tuple(Uniform(m - width, m + width) for m in middle), MATERIAL[:1])
     tests = [

@@ -2,12 +2,12 @@
 
 import csv
 
-import h5py
 import numpy as np
 from scipy import linalg, sparse
 from scipy.io import mmwrite, savemat
 
 from tests.euler_beam import euler_element
+from tests.vibrecords.array_trees import write_mat73
 
 NODES = np.array([3, 11, 12, 40, 41])
 PLACES = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.2, 0.1, 0], [0.2, 0.1, 0.15]])
@@ -153,18 +153,7 @@ def write_mapping(path, dofs=DOFS):
 
 
 def write_matlab_73(path, **arrays):
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, value in arrays.items():
-            if not sparse.issparse(value):
-                file.create_dataset(name, data=np.asarray(value, float).T).attrs["MATLAB_class"] = np.bytes_("double")
-                continue
-            csc = sparse.csc_array(value)
-            group = file.create_group(name)
-            group.attrs["MATLAB_class"] = np.bytes_("double")
-            group.attrs["MATLAB_sparse"] = np.uint64(csc.shape[0])
-            group["data"], group["ir"], group["jc"] = csc.data, csc.indices.astype("u8"), csc.indptr.astype("u8")
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64 ".ljust(124) + b"\0\2IM")
+    write_mat73(arrays, path)
     return path
 
 

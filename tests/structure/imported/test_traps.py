@@ -55,21 +55,15 @@ def test_nodes_below_1_are_generalised_coordinates(tmp_path):
     np.testing.assert_allclose(small.frequencies(model), small.EXACT, rtol=1e-9)
 
 
-def test_a_dof_of_heat_or_pressure_is_refused(tmp_path):
-    dofs = DOFS.copy()
-    dofs[3, 1] = 11
-    refused(abaqus(tmp_path, dofs=dofs), r"j_STIF2.mtx, entry \d+: found DOF 11 of node 3; expected 1 to 6")
-
-
-def test_an_abaqus_file_cut_at_the_end_of_a_line(tmp_path):
+def test_abaqus_files_of_heat_or_cut_at_the_end_of_a_line_or_beside_a_map_are_refused(tmp_path):
+    heat = DOFS.copy()
+    heat[3, 1] = 11
+    refused(abaqus(tmp_path, dofs=heat), r"j_STIF2.mtx, entry \d+: found DOF 11 of node 3; expected 1 to 6")
     path = abaqus(tmp_path)
+    refused(path, "map.csv: found matrices with nodes", dofs=small.write_map(tmp_path / "map.csv"))
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[: len(lines) // 2]))
     refused(path, "found mass but no stiffness at node 12, direction")
-
-
-def test_a_map_beside_files_that_name_their_dofs(tmp_path):
-    refused(abaqus(tmp_path), "map.csv: found matrices with nodes", dofs=small.write_map(tmp_path / "map.csv"))
 
 
 # ---- Nastran
@@ -88,27 +82,20 @@ def test_a_superelement_of_nastran_with_output_systems_of_its_grids(tmp_path):
     given = {name: matrix.toarray() for name, matrix in op4.read(str(path), justmatrix=True, sparse=True).items()}
     inertia = rigid.T @ given["mxx"] @ rigid
     slinch = 0.45359237 * 9.80665 / 0.0254
-    for i, way in enumerate("xyz"):
-        assert model.mass_along(way) == pytest.approx(inertia[i, i] * slinch, rel=1e-9)
-    turned = model.place(11) / 0.0254
-    assert turned == pytest.approx([600, 300, 300])
+    assert [model.mass_along(way) for way in "xyz"] == pytest.approx(np.diag(inertia)[:3] * slinch, rel=1e-9)
+    assert model.place(11) / 0.0254 == pytest.approx([600, 300, 300])
     b = model.dofs[:, 1] > 0  # rigid motion strains nothing only where the DOFs are those of the basic system
-    for axis in "xyz":
-        push = (model.dofs[:, 1] == "xyz".index(axis) + 1).astype(float)
+    for way in (1, 2, 3):
+        push = (model.dofs[:, 1] == way).astype(float)
         assert abs(model.stiffness @ push)[b].max() < 1e-6 * abs(model.stiffness).max()
 
 
-def test_grids_of_a_superelement_that_hold_some_directions_only(tmp_path):
+def test_grids_of_a_superelement_hold_some_directions_only_and_no_cylindrical_output_system(tmp_path):
     model = jb.read_structure(superelement(tmp_path, "reduced_bset_notall6"), length_unit="in")
     assert model.n_dofs == 29
     assert model.place(411) / 0.0254 == pytest.approx([0, -61.25, 19.5])
-
-
-def test_a_cylindrical_output_system_is_refused(tmp_path):
-    def cylinder(suffix, content):
-        return content.replace(b"CORD2R", b"CORD2C") if suffix == ".asm" else content
-
-    refused(superelement(tmp_path, "outboard", cylinder), "output system 10 at grid 11, not rectangular")
+    path = superelement(tmp_path, "outboard", lambda _, content: content.replace(b"CORD2R", b"CORD2C"))
+    refused(path, "output system 10 at grid 11, not rectangular")
 
 
 def test_pyyeti_missing_is_one_line(tmp_path, monkeypatch):
