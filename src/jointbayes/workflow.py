@@ -276,6 +276,7 @@ def sample(
     if checkpoint is not None:
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"premises": premises or ""})
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
+    computed = all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
     if premises == "usual" or (premises is None and whole is not None):
         answered = answered_problem(problem, whole, estimate, seed)
         if answered is not problem:
@@ -285,16 +286,12 @@ def sample(
                 tell(Progress("premises", answered.premises.decision))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
-    elif whole is not None and not (whole.model_is_exact or _are_computed(problem)):
+    elif whole is not None and not (whole.model_is_exact or computed):
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
     run = _Run(problem, whole, seed, settings, estimate)
     return _by_ensembles(run, run.fitted_proposal(), tell, checkpoint)
-
-
-def _are_computed(problem: Problem) -> bool:
-    return all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
 
 
 @dataclass(frozen=True)
@@ -318,8 +315,10 @@ class _Run:
         return fit_each_mode(density, coordinate_systems(self.problem), starts, images, self.generator(_PROPOSAL))
 
 
-def answered_case(case: Case, seed: int, tell: ProgressCallback) -> Problem:
+def answered_case(case: Case | Problem, seed: int, tell: ProgressCallback) -> Problem:
     """The problem whose posterior a run of a case gives; where nothing is decided there is no search for the mode."""
+    if isinstance(case, Problem):
+        return case
     problem = case.problem
     if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
         return answered_problem(problem, case, find_map(case, seed=seed, progress=tell), seed)

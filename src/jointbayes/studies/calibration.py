@@ -512,8 +512,8 @@ def _job(
     require_simulable(stated, stated if data_from is None else _parts(data_from)[0])
     seed = own_seed if seed is None else seed
     # without what was computed from them so far, which every worker would be sent
-    analysis = replace(_answered(case, seed, tell))
-    source = analysis if data_from is None else replace(_answered(data_from, seed, tell))
+    analysis = replace(answered_case(case, seed, tell))
+    source = analysis if data_from is None else replace(answered_case(data_from, seed, tell))
     require_simulable(analysis, source)  # once more: by which modes two measured FRFs are analysed may differ
     job = Job(analysis, source, settings or sampler.for_one_of_many(), seed)
     if not set(job.names) - {DENSITY}:
@@ -539,11 +539,6 @@ def _parts(case: Case | Problem) -> tuple[Problem, SamplerSettings, int]:
     if isinstance(case, Problem):
         return case, SamplerSettings().for_dimension(len(case.prior.names)), 1
     return case.problem, case.sampler, case.spec.sampling.seed
-
-
-def _answered(case: Case | Problem, seed: int, tell: ProgressCallback) -> Problem:
-    """What a run would answer by: of a problem itself."""
-    return case if isinstance(case, Problem) else answered_case(case, seed, tell)
 
 
 def _packed(job: Job) -> bytes:
