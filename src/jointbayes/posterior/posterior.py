@@ -532,10 +532,10 @@ class Posterior:
         """
         if self._kept_knowledge is not None:
             return self._kept_knowledge.freed
-        return effect_of_uncertain_inputs(self, self.workshop_problem)
+        return effect_of_uncertain_inputs(self, self._workshop_problem)
 
     @property
-    def workshop_problem(self) -> Problem | None:
+    def _workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain, as its case has it; None without a case, or any more."""
         return None if self.case is None else self.case.workshop_problem
 
@@ -544,7 +544,7 @@ class Posterior:
         """What verdicts take as exact, by stiffness; of all the same where nobody looked at what is known without."""
         if self._kept_knowledge is not None or "rows" in self.__dict__:
             return inputs_taken_as_exact(self.rows)
-        taken = taken_as_exact(self.problem, self.workshop_problem)
+        taken = taken_as_exact(self.problem, self._workshop_problem)
         unseen = ExactInputs(taken, None, looked_at=False)
         return dict.fromkeys(self.stiffness_names, unseen) if taken else {}
 
@@ -793,7 +793,7 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
     """
     kept, rows = posterior._kept_knowledge, posterior.rows
     steps, simpler, directions = (kept.next_steps, kept.simpler, kept.directions) if kept else (None, None, None)
-    freed = posterior.workshop_problem if steps is None else None
+    freed = posterior._workshop_problem if steps is None else None
     judged = {name: posterior.verdict(name) for name in posterior.stiffness_names}
     if steps is None and all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
@@ -827,7 +827,7 @@ def _what_decides(posterior: Posterior) -> WhatDecides | None:
     if exact is None or len(inputs) < 2 or not all(check.explains for check in posterior.checks):
         return None
     run, together = posterior.problem, next(row.known for row in rows if row.uncertain == inputs)
-    problem = run if set(inputs) <= set(uncertain_quantities(run)) else posterior.workshop_problem
+    problem = run if set(inputs) <= set(uncertain_quantities(run)) else posterior._workshop_problem
     assert problem is not None  # a row has no inputs but those of the two
     return what_decides(problem, inputs, run.names, posterior.mode_theta, exact.known, together)
 
