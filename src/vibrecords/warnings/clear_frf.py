@@ -49,14 +49,16 @@ def pair_of(record: FrfRecord) -> tuple[str, str, int]:
 
 
 def usable(record: FrfRecord) -> FrfRecord:
-    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers and lines out of order."""
+    """Return the record without lines at or below 0 Hz, NaN, zeros, absurd numbers, lines out of order.
+
+    Without a coherence of other lines as well.
+    """
     f = record.frequency_hz
     good = (f >= 1 / HIGHEST_HZ) & (f <= HIGHEST_HZ) & measurable(record.values) & (record.values != 0)
     good[good] = np.diff(np.maximum.accumulate(f[good]), prepend=0.0) > 0
-    if good.all():
-        return record
-    fits = record.coherence is not None and record.coherence.shape == f.shape
-    return (record if fits else replace(record, coherence=None)).at_lines(good)
+    if record.coherence is not None and record.coherence.shape != f.shape:
+        record = replace(record, coherence=None)
+    return record if good.all() else record.at_lines(good)
 
 
 @dataclass(frozen=True, eq=False)

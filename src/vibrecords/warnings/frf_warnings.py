@@ -268,8 +268,7 @@ def _excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[Measure
     if record.frequency_hz.size > clear.frequency_hz.size:
         whole = ClearFrf.of(record) or clear
     coherence = record.coherence
-    stated = coherence is not None and coherence.shape == whole.mobility.shape
-    if coherence is not None and not (stated and ((coherence >= 0) & (coherence <= 1)).all()):
+    if coherence is not None and not ((coherence >= 0) & (coherence <= 1)).all():
         return
     averages = max((record.averages or _FEW_AVERAGES) - 1, 1)
     incoherence = None if coherence is None or (coherence >= 1 - 1e-9).all() else 1 - coherence
