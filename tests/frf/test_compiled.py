@@ -33,12 +33,15 @@ def run(*options, **variables):
     return done.stderr
 
 
+def compiles(said):
+    assert said.startswith("jointbayes: compiling the loops")
+    assert said.count("\n") == 1
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     directory = tmp_path_factory.mktemp("cache")
-    said = run(NUMBA_CACHE_DIR=directory)
-    assert said.startswith("jointbayes: compiling the loops")
-    assert said.count("\n") == 1
+    compiles(run(NUMBA_CACHE_DIR=directory))
     return directory
 
 
@@ -65,9 +68,7 @@ def test_a_damaged_cache_is_replaced_with_one_line(cache, ending, damage):
 def test_what_was_compiled_is_not_compiled_again_and_not_used_on_another_machine(cache):
     run(NUMBA_CACHE_DIR=cache)
     assert run(NUMBA_CACHE_DIR=cache) == ""
-    said = run(NUMBA_CACHE_DIR=cache, NUMBA_CPU_NAME="generic")
-    assert said.startswith("jointbayes: compiling the loops")
-    assert said.count("\n") == 1
+    compiles(run(NUMBA_CACHE_DIR=cache, NUMBA_CPU_NAME="generic"))
 
 
 def test_without_a_directory_to_write_to_a_temporary_one_of_the_user_serves(tmp_path):

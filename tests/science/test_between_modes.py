@@ -37,13 +37,8 @@ def two_modes(distance=1.0):
     mean = SHARE * starts[0][0] + (1 - SHARE) * starts[1][0]
     second = [c + np.outer(m - mean, m - mean) for m, c in starts]
 
-    marginals = tuple(
-        lambda t, k=k: sum(
-            share * stats.norm(m[k], np.sqrt(c[k, k])).cdf(t)
-            for share, (m, c) in zip((SHARE, 1 - SHARE), starts, strict=True)
-        )
-        for k in range(2)
-    )
+    normals = [[stats.norm(m[k], np.sqrt(c[k, k])).cdf for m, c in starts] for k in range(2)]
+    marginals = tuple(lambda t, of=of: SHARE * of[0](t) + (1 - SHARE) * of[1](t) for of in normals)
     return Target(log_density, exact, mean, SHARE * second[0] + (1 - SHARE) * second[1], marginals)
 
 

@@ -46,10 +46,8 @@ def on_a_grid(lam: Array, sd_lam: Array, ratio: Array, sd_ratio: Array, n: int =
     def log_likelihood(k1: Array, k2: Array) -> Array:
         predicted, shape = eigenpairs(k1[:, None], k2[None, :])
         total = np.zeros(predicted.shape[1:])
-        for mode in (0, 1):
-            for value, other in zip(lam[:, mode], ratio[:, mode], strict=True):
-                total -= 0.5 * ((value - predicted[mode]) / sd_lam[mode]) ** 2
-                total -= 0.5 * ((other - shape[mode]) / sd_ratio[mode]) ** 2
+        for of, model, sd in ((lam, predicted, sd_lam), (ratio, shape, sd_ratio)):
+            total -= 0.5 * sum(((one[mode] - model[mode]) / sd[mode]) ** 2 for one in of for mode in (0, 1))
         return total
 
     ends = np.array([[LOW, HIGH], [LOW, HIGH]])

@@ -46,12 +46,8 @@ class Rod:
 
 def lever(offset: np.ndarray) -> np.ndarray:
     """Rows: translation at the end of a rigid arm by the six motions at its foot."""
-    out = np.zeros((6, 6))
-    out[:, :] = np.eye(6)
-    dx, dy, dz = offset
-    out[0, 4], out[0, 5] = dz, -dy  # u = ... + ry dz - rz dy
-    out[1, 3], out[1, 5] = -dz, dx
-    out[2, 3], out[2, 4] = dy, -dx
+    out, (dx, dy, dz) = np.eye(6), offset
+    out[:3, 3:] = [[0, dz, -dy], [-dz, 0, dx], [dy, -dx, 0]]  # u = ... + ry dz - rz dy
     return out
 
 
@@ -88,14 +84,12 @@ def fe_matrices(nodes: int, rods: list[Rod], elements: int) -> tuple[np.ndarray,
                 k += w * strain.T @ np.diag([ea, kya, kza, gj, eiy, eiz]) @ strain
                 m += w * motion.T @ np.diag([ra, ra, ra, riy + riz, riy, riz]) @ motion
             these = chain[DEGREE * e : DEGREE * (e + 1) + 1]
-            whole = np.zeros((per, per))
-            for n in range(DEGREE + 1):
-                block = turn
-                if these[n] == rod.nodes[0] and e == 0 and n == 0:
-                    block = turn @ lever(rod.offsets[0])
-                elif e == elements - 1 and n == DEGREE:
-                    block = turn @ lever(rod.offsets[1])
-                whole[6 * n : 6 * n + 6, 6 * n : 6 * n + 6] = block
+            blocks = [turn] * (DEGREE + 1)
+            if e == 0:
+                blocks[0] = turn @ lever(rod.offsets[0])
+            if e == elements - 1:
+                blocks[-1] = turn @ lever(rod.offsets[1])
+            whole = linalg.block_diag(*blocks)
             rows = np.concatenate([np.arange(6 * n, 6 * n + 6) for n in these])
             stiffness[np.ix_(rows, rows)] += whole.T @ k @ whole
             mass[np.ix_(rows, rows)] += whole.T @ m @ whole

@@ -155,13 +155,10 @@ def test_axial_and_torsional_frequencies_of_rods_are_those_of_the_wave_equation(
 @pytest.mark.parametrize("direction", ["x", "rx"])
 def test_a_mass_at_the_end_of_a_rod_satisfies_its_frequency_equation(direction):
     section, length = Section.circle(0.02), 0.7
-    e, g, rho = STEEL.youngs_modulus, STEEL.shear_modulus, STEEL.density
-    if direction == "x":
-        speed, own, mass = np.sqrt(e / rho), rho * section.area * length, PointMass("2", 1.3)
-        ratio = 1.3 / own
-    else:
-        speed, own = np.sqrt(g / rho), rho * section.torsion * length
-        mass, ratio = PointMass("2", 0.0, (3e-4, 0, 0)), 3e-4 / own
+    rho, along = STEEL.density, direction == "x"
+    speed = np.sqrt((STEEL.youngs_modulus if along else STEEL.shear_modulus) / rho)
+    mass = PointMass("2", 1.3) if along else PointMass("2", 0.0, (3e-4, 0, 0))
+    ratio = 1.3 / (rho * section.area * length) if along else 3e-4 / (rho * section.torsion * length)
     body = FrameBody({"1": (0, 0, 0), "2": (length, 0, 0)}, (Member(("1", "2"), section, STEEL),), (mass,))
     recipe = FrameRecipe(body, LAW, (direction,), supports=(f"1:{direction}",))
     number = recipe.structure({}, recipe.mesh(None, 2e4)).modes().frequency_hz[:4] * 2 * np.pi * length / speed
