@@ -63,13 +63,8 @@ PROPORTIONAL = jb.Nuisance("proportional_error", "1", 1.0, jb.Uniform(-9.0, -1.0
 NOISES = {
     "gaussian": (None, ()),
     "scaled": (ScaledNoise(), (jb.Nuisance("noise_scale", "1", 1.0, jb.Uniform(-2.0, 2.0)),)),
-    "proportional": (
-        ProportionalNoise.of(measured(), 2),
-        (jb.Nuisance("proportional_error", "1", 1.0, jb.Uniform(-9.0, -1.0)),),
-    ),
+    "proportional": (ProportionalNoise.of(measured(), 2), (PROPORTIONAL,)),
 }
-
-
 START = {"noise_scale": 0.0, "proportional_error": -4.0}
 HYPER = {"gaussian": [], "scaled": [0.3], "proportional": [-4.0]}
 

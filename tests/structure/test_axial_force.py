@@ -115,7 +115,6 @@ def test_the_papers_element_works_the_force_through_its_own_stubby_shapes(field)
 
 
 STOUT = jb.Section.circle(0.012)
-ENDS = jb.Joint(("1:y", "1:rz"))
 
 
 def test_a_free_body_under_a_force_is_held_by_its_joints_alone():

@@ -13,7 +13,6 @@ from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
 from tests.oracles import noisy_frfs, off_peak
 
 OFFSET = {"length_offset": (-0.012, 0.012)}
-MASS = {"accelerometer_mass": 0.02, "accelerometer_dofs": ("11:y",)}
 
 
 def recipe(length, **more):
