@@ -14,6 +14,12 @@ def case_text_named(name: str) -> str:
     return (HERE / "texts" / f"{name}.toml").read_text(encoding="utf-8")
 
 
+def parts_named(name: str) -> dict[str, str]:
+    """Parts of cases in ``texts``, by what stands behind "== " before each."""
+    _, *parts = (HERE / "texts" / f"{name}.txt").read_text(encoding="utf-8").split("== ")
+    return dict(part.split("\n", 1) for part in parts)
+
+
 def refusal_rows() -> dict[str, list[list[str]]]:
     """Rows of ``refusals.txt`` by their base: changes, key, words and, where it is not one, how many lines are told."""
     rows: dict[str, list[list[str]]] = {}

@@ -41,7 +41,7 @@ from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test
 from jointbayes.studies.planning import make_plan
 from tests.case.key_cases import CASES, KeyCase
-from tests.case.key_lines import KEYS, Value, expression
+from tests.case.key_lines import KEYS, expression
 from vibrecords import FrequencyData, FrfData, FrfSet, assemble, formats
 from vibrecords.measurement_plan import MeasurementPlan
 from vibrecords.provenance import Provenance
@@ -259,9 +259,9 @@ class Bench:
         return note
 
 
-def lines_of_key(key: str, numbers: dict[str, float]) -> dict[str, Value]:
+def lines_of_key(key: str, numbers: dict[str, float]) -> dict[str, Callable[[float], float]]:
     """What the lines of a key name among numbers."""
-    named: dict[str, Value] = {}
+    named: dict[str, Callable[[float], float]] = {}
     for pattern, target, value in KEYS:
         match = expression(pattern).fullmatch(key)
         if match is not None:
@@ -302,9 +302,8 @@ def faults_of(key: str, before: float, after: float, old: dict[str, float], new:
     faults = [f"{key}: moves {name} as well" for name in sorted(changed - named.keys())]
     for name, value in named.items():
         for stated, numbers in ((before, old), (after, new)):
-            expected = value(stated) if callable(value) else stated * value
-            if numbers.get(name) != pytest.approx(expected, rel=1e-9, abs=0):
-                faults.append(f"{key} = {stated:g}: {name} is {numbers.get(name)}, not {expected}")
+            if numbers.get(name) != pytest.approx(value(stated), rel=1e-9, abs=0):
+                faults.append(f"{key} = {stated:g}: {name} is {numbers.get(name)}, not {value(stated)}")
     if not changed:
         faults.append(f"{key}: moves nothing")
     return faults
