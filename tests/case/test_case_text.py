@@ -9,21 +9,9 @@ import jointbayes as jb
 from jointbayes.case.case_text import case_text, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.errors import CaseError
+from tests.case.refusal_rows import parts_named
 
-BASE = """\
-title = "Base"
-
-[structure]
-length_mm = 400.0
-damping = { law = "modal", ratio = [0.01, 0.02] }
-
-[data]
-file = "tip.uff"
-outputs = ["11:y", "6:y"]
-
-[prior.k11]
-low = 1.0
-"""
+(BASE,) = parts_named("case_text").values()
 
 
 def write(directory: Path, **files: str) -> Path:

@@ -14,49 +14,12 @@ from jointbayes.inference.default_prior import default_prior
 from jointbayes.joint import Joint
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, edited
 
-BEAM = """
-[structure]
-length_mm = 300.0
-dofs_per_node = 5
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = { shape = "rectangle", width_mm = 100.0, height_mm = 5.0 }
-damping = { law = "loss_factor", loss_factor = 0.01 }
-supports = []
-"""
-DATA = """
-[data]
-kind = "synthetic_frf"
-outputs = ["END"]
-inputs = ["END"]
-f_min_hz = 20.0
-f_max_hz = 300.0
-f_step_hz = 20.0
-noise = { relative = 0.03, floor = 0.01, seed = 2 }
-"""
+BEAM, DATA, RING, MATRICES, SWAPPED, CHAIN = parts_named("default_priors").values()
 MODULUS = 210e9
 UPRIGHT, FLAT = MODULUS * 0.1**3 * 0.005 / 12, MODULUS * 0.005**3 * 0.1 / 12
-RING = """
-[structure]
-kind = "frame"
-directions = ["x", "y", "rz"]
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = { shape = "rectangle", width_mm = 40.0, height_mm = 20.0 }
-damping = { law = "loss_factor", loss_factor = 0.01 }
-members = [{ points = ["a", "b", "c", "a"] }]
-points = { a = [0, 0, 0], b = [300, 0, 0], c = [300, 400, 0] }
-"""
-MATRICES = """
-[structure]
-kind = "matrices"
-dofs = ["1:y", "1:rz"]
-stiffness = [[1.2e8, 6e6], [6e6, 4e5]]
-mass = [1, 1e-3]
-damping = { law = "modal", ratio = 0.01 }
-"""
 
 
 def springs(structure: str, dofs: tuple[str, ...], end: str) -> Case:
@@ -135,13 +98,6 @@ def test_matrices_have_the_stiffness_of_each_dof():
     assert own(springs(MATRICES, ("1:y", "1:rz"), "1:y")) == pytest.approx({"ky": 1.2e8, "krz": 4e5})
 
 
-SWAPPED = """extends = "spindle_measured.toml"
-remove = ["joints.taper.dofs", "joints.taper.against", "joints.taper.prior"]
-[joints.taper]
-dofs = ["nose:y", "nose:rz"]
-"""
-
-
 @pytest.mark.whole
 def test_a_joint_that_names_the_measured_body_first_has_the_default_priors_of_the_modelled_one():
     swapped = SWAPPED + 'against = ["holder.flange:y", "holder.flange:rz"]\n'
@@ -161,22 +117,6 @@ def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it()
     )
     problem = case_from_text("ground", SWAPPED + stated, directory=CONFIGS).problem
     assert problem.initial[:2] == pytest.approx([1e8, 1e6])
-
-
-CHAIN = """
-[structure]
-kind = "chain"
-masses_kg = { 1 = 50.0, 2 = 15.0 }
-springs = [{ between = ["1", "2"], stiffness_n_per_m = COUPLING }]
-damping = { law = "modal", ratio = 0.01 }
-[joint]
-kind = "springs"
-dofs = ["1:x"]
-[data]
-kind = "natural_frequencies"
-frequencies_hz = [FIRST, SECOND]
-sd_relative = 0.01
-"""
 
 
 def hung(coupling: float, joint: float) -> Case:

@@ -8,27 +8,12 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information
 from jointbayes.studies.data_sets import simulated_problem
+from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text
 
-MATERIAL = """
-[uncertain]
-youngs_modulus = {sd_percent = 2.0}
-density = {sd_percent = 1.0}
-length = {sd_percent = 0.3}
-"""
-FREE = "\n[tests.free]\njoined = false\n"
+MATERIAL, FREE, HEARD_FREE = parts_named("free_structure").values()
 TWO = BASE + MATERIAL + FREE + "[tests.clamped]\n"
-HEARD_FREE = """
-[tests.free]
-joined = false
-remove = ["data"]
-[tests.free.data]
-kind = "natural_frequencies"
-frequencies_hz = [778.4, 2103.5]
-sd_relative = 0.001
-[tests.clamped]
-"""
 
 
 def built(text):

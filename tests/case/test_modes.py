@@ -82,12 +82,6 @@ def test_a_uniform_prior_of_a_stiffness_is_one_of_the_stiffness_itself():
     assert case.problem.prior.marginals[0] == OfStiffness(jb.Uniform(1e6, 1e11))
 
 
-def test_a_coordinate_that_is_no_logarithm_has_a_uniform_prior_alone():
-    text = edited(shipped_text("clamped_beam_frequencies"), ('distribution = "uniform"', 'distribution = "normal"'))
-    with pytest.raises(CaseError, match=r'prior\.rho\.distribution: .*"uniform", the only kind of prior for rho'):
-        parse_case(text)
-
-
 @pytest.mark.long
 @pytest.mark.science
 def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):

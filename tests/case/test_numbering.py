@@ -8,20 +8,10 @@ from jointbayes.case.case import Case, case_from_text
 from jointbayes.identification import numbering
 from jointbayes.identification.numbering import SURE, find_numbering
 from jointbayes.inference import ErrorSizes
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, first_in_ci
 
-BAR = """
-[structure]
-length_mm = 500.0
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = { shape = "rectangle", width_mm = 30.0, height_mm = 10.0 }
-damping = { law = "loss_factor", loss_factor = 0.01 }
-[joint]
-kind = "springs"
-dofs = ["1:y", "1:rz"]
-[data]
-"""
+(BAR,) = parts_named("numbering").values()
 
 
 def bar(frequency: list[float], numbers: list[int] | None = None, sd: float = 0.01) -> Case:

@@ -195,43 +195,9 @@ def test_the_documentation_states_limits_and_thresholds():
     assert all(f"at least {least:g}" in warned for least in plausibility.SMALLEST_PERCENT.values())
 
 
-@pytest.mark.parametrize(
-    ("k12", "key", "place", "words"),
-    [
-        ("-1.0", "data.truth", "[data.truth]", 'k12 = -1, k22 = 1.52e+06, which joint.parametrisation = "log"'),
-        ("1.0e3", "data.truth.k12", "k12 = 1.0e3", "k12 = 1000, which the prior excludes; expected k12 from 1e+04"),
-    ],
-)
-def test_a_truth_that_the_prior_excludes_is_a_warning_at_its_line(k12, key, place, words):
-    text = edited(cheap_text(), ("k12 = 3.44e7", f"k12 = {k12}"))
-    (warning,) = jb.case_from_text("case", text).warnings
-    assert warning.key == key
-    assert words in warning.text
-    assert text.splitlines()[warning.line - 1].startswith(place)
-
-
 def test_a_prior_put_in_its_place_says_nothing_of_the_truth(cheap_case):
     narrow = replace(cheap_case.problem.prior, marginals=(jb.Uniform(0.0, 1.0),) * 3)
     assert replace(cheap_case, problem=replace(cheap_case.problem, prior=narrow)).warnings == ()
-
-
-@pytest.mark.parametrize(
-    ("change", "key", "said"),
-    [
-        (("length_mm = 383.0", "length_mm = 1e6"), "structure.length_mm", "take [0-9]+ nodes; expected at most 270"),
-        (("density_kg_m3 = 7800.0", "density_kg_m3 = 1e9"), "structure.density_kg_m3", "nodes; expected at most 270"),
-        (("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 1e-6"), "structure.youngs_modulus_gpa", "wavelength"),
-        (("f_max_hz = 2500.0", "f_max_hz = 1e6"), "data", "lines up to 1e.06 Hz"),
-    ],
-)
-def test_what_matrices_cannot_be_built_from_is_told_with_the_key_and_its_line(change, key, said):
-    text = edited(cheap_text(), change)
-    with pytest.raises(CaseError) as caught:
-        jb.case_from_text("case.toml", text)
-    place = change[1] if "." in key else f"[{key}]"
-    line = 1 + next(i for i, row in enumerate(text.splitlines()) if row.startswith(place))
-    assert str(caught.value).startswith(f"case.toml:{line}: {key}: beam: found ")
-    assert re.search(said, str(caught.value))
 
 
 def test_too_little_memory_is_one_line(monkeypatch):

@@ -8,10 +8,13 @@ import pytest
 import jointbayes as jb
 from jointbayes.cli.output import LONGEST, shortened
 from jointbayes.errors import CaseError
-from tests.case.refusal_rows import broken, case_text_named, lines_of, refusal_rows
+from jointbayes.studies.planning.case_candidates import candidates_of
+from tests.case.refusal_rows import broken, case_text_named, lines_of, parts_named, refusal_rows
 from tests.case.test_bodies import write_measurements
 from tests.case.test_files import frf_data, stored, virtual
 from tests.case.test_files import text as text_of_file
+from tests.case.test_imported import CASE as IMPORTED
+from tests.case.test_imported import WITH_TOOL, save
 from tests.case.test_joints import TWO
 from tests.case.test_modes import BASE as MODES
 from tests.case.test_modes import ZEROS
@@ -19,11 +22,13 @@ from tests.case.test_several_tests import BASE
 from tests.case.test_shared_among_tests import HEARD_ALL
 from tests.case.test_structures import MATRICES, PORTAL, SPINDLE, text_of
 from tests.conftest import cheap_text, shipped_text
+from tests.structure.imported.fe_models import plane_beam
 
 BEAM = shipped_text("clamped_beam")
 VARIANCE = '[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.01\n'
 CHANNELS = 'channels = { "output 1" = "11:y", "input 1" = "11:y" }\n'
 RECORDS = f'f_min_hz = 20.0\nf_max_hz = 1000.0\n\n[data.channels]\n"Point:5:Y+" = "5:y"\n\n[data.records]\n{VARIANCE}'
+PLANNED, NOISES, _ = parts_named("planning_tests").values()
 BASES = {
     "beam": BEAM,
     "frequencies": shipped_text("clamped_beam_frequencies"),
@@ -43,6 +48,11 @@ BASES = {
     "records": text_of_file(f'[data]\nkind = "measured_frf"\nfile = "hits.npz"\n{RECORDS}'),
     "virtual test": f"{cheap_text()}\n[virtual_test]\n",
     "measured frequencies": HEARD_ALL,
+    "small beam": cheap_text(),
+    "planned": f"{cheap_text()}\n{PLANNED}",
+    "planned noises": f"{cheap_text()}\n{NOISES}",
+    "imported": IMPORTED,
+    "imported tool": WITH_TOOL,
 }
 ROWS = [(base, *row) for base, rows in refusal_rows().items() if "slips" not in base for row in rows]
 
@@ -60,6 +70,7 @@ def folder(tmp_path_factory):
     (folder / "photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     write_measurements(folder)
     stored(virtual(), folder / "tip.npz")
+    save(plane_beam(20), folder / "beam.npz")
     return folder
 
 
@@ -67,6 +78,8 @@ def told(folder, text):
     """What is said of a case: faults, or warnings where it has none."""
     try:
         case = jb.case_from_text("case.toml", text, directory=folder)
+        if "[plan.tests" in text:
+            candidates_of(case)
     except CaseError as error:
         return lines_of(str(error).replace(f"{folder}/", "")), True
     return [f"case.toml:{warning.line}: {warning}" for warning in case.warnings], False

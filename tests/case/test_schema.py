@@ -15,7 +15,7 @@ from jointbayes.case.spec.structure_tables import CircleSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
-from tests.case.refusal_rows import case_text_named, lines_of
+from tests.case.refusal_rows import case_text_named, lines_of, parts_named
 from tests.conftest import CONFIGS, shipped_text
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
@@ -59,28 +59,7 @@ def test_several_faults_come_one_line_each_in_the_order_of_the_file():
     assert text.splitlines()[numbers[3] - 1].startswith("walkers")
 
 
-TRICKY = """# a [comment] = 1
-"top level" = 1
-a.'b c'.d = 2
-text = \"\"\"
-[not] a = 'table'
-\"\"\"  # "
-[x . "y.z"]
-list = [ # [
-  1, "]", # ,
-  [2,
-   3], {in = 4}, '''
-''', 5 ]
-[[x.many]]
-n = 1979-05-27 07:32:00
-[[x.many]]
-n = { p.q = 1, r = [
-  { s = 1 }] }
-[x.many.sub]
-t = '#'
-[x]
-last = true
-"""
+(TRICKY,) = parts_named("schema").values()
 
 
 def test_key_lines_survive_all_of_tomls_spellings():

@@ -13,36 +13,11 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
-from tests.case.refusal_rows import case_text_named
+from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 
 BASE = case_text_named("tests")
-TWO = """
-[tests.long]
-
-[tests.short.structure]
-length_mm = 200.0
-[tests.short.data]
-outputs = ["11:y", "6:y"]
-"""
-HEARD = """
-[tests.heard]
-remove = ["data"]
-[tests.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [121.5, 752.5]
-sd_relative = 0.0
-sd_hz = 0.5
-"""
-CLAMP_EDGE = """
-[uncertain.length_offset]
-sd_mm = 1.9
-[uncertain.length]
-sd_mm = 0.1
-own = true
-[uncertain.youngs_modulus]
-sd_percent = 2.0
-"""
+TWO, HEARD, CLAMP_EDGE = parts_named("several_tests").values()
 
 
 def built(more, base=BASE):

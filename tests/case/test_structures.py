@@ -24,48 +24,15 @@ from jointbayes.structure import (
     Section,
     chain,
 )
-from tests.case.refusal_rows import case_text_named
+from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import edited, shipped_text
 
-DATA = """
-[data]
-kind = "synthetic_frf"
-outputs = ["OUT"]
-inputs = ["IN"]
-f_min_hz = 20.0
-f_max_hz = 400.0
-f_step_hz = 10.0
-[data.truth]
-k11 = 1e7
-k12 = 1e4
-k22 = 1e5
-[data.noise]
-relative = 0.03
-floor = 0.01
-seed = 1
-"""
+DATA, CHAIN, MATRICES, SPRINGS = parts_named("structures").values()
 PRIOR = "".join(
     f'\n[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
     for k, low, high in (("k11", 1e4, 1e10), ("k12", 1e2, 1e8), ("k22", 1e2, 1e8))
 )
 PORTAL, SPINDLE = case_text_named("portal"), case_text_named("spindle")
-CHAIN = """
-[structure]
-kind = "chain"
-masses_kg = { 1 = 1.0, 2 = 2.0, 3 = 1.5 }
-springs = [{ between = ["2", "3"], stiffness_n_per_m = 1e5 }]
-damping = { law = "dampers", dampers = [{ between = ["1", "ground"], damping_n_s_per_m = 5.0 }] }
-"""
-MATRICES = """
-[structure]
-kind = "matrices"
-dofs = ["1:y", "1:rz"]
-stiffness = [[2e5, -1e4], [-1e4, 1e3]]
-mass = [2.0, 0.01]
-damping = { law = "loss_factor", loss_factor = 0.02 }
-[joint]
-dofs = ["1:y", "1:rz"]
-"""
 
 
 LOSS = 'law = "loss_factor", loss_factor = 0.02'
@@ -136,23 +103,6 @@ def test_a_case_without_priors_takes_the_frames_own_stiffness():
     low, _ = jb.case_from_text("frame", text).problem.prior.marginals[0].support
     own = 2.1e11 * 0.04 * 0.02**3 / 12 / np.hypot(0.5, 0.4) ** 3  # about the weaker axis, in the box of the frame
     assert low == pytest.approx(np.log(0.1 * own))
-
-
-SPRINGS = """
-[data]
-kind = "natural_frequencies"
-frequencies_hz = [20.0, 60.0]
-sd_relative = 0.01
-sd_hz = 0.0
-[joints.base]
-kind = "springs"
-dofs = ["1:x"]
-prior = { kx = { distribution = "log_uniform", low = 1e3, high = 1e7 } }
-[joints.middle]
-kind = "springs"
-dofs = ["1:x"]
-against = ["2:x"]
-"""
 
 
 def test_a_chain_is_that_of_python_and_its_unknown_springs_are_joints():

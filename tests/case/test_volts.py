@@ -9,22 +9,11 @@ from benchmarks.walk_through import accelerance
 import jointbayes as jb
 from jointbayes.case.case import Case
 from jointbayes.errors import CaseError
+from tests.case.refusal_rows import parts_named
 
 LINES = np.arange(20.0, 1000.0, 8.0)
 NEWTON_PER_VOLT = 0.037
-CASE = """
-joint.dofs = ["1:y", "1:rz"]
-[structure]
-length_mm = 383.0
-section = { shape = "circle", diameter_mm = 25.0 }
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-damping = { law = "modal", ratio = 0.01 }
-[data]
-kind = "KIND"
-file = "tip.csv"
-channels = { acc = "11:y", shaker = FORCE }
-"""
+(CASE,) = parts_named("volts").values()
 VARIANCE = '[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.0\n'
 
 

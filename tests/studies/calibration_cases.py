@@ -5,41 +5,9 @@ from concurrent.futures import Executor, Future
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
+from tests.case.refusal_rows import parts_named
 
-TEXT = """
-joint.dofs = ["1:y", "1:rz"]
-
-[structure]
-length_mm = 383.0
-elements = 4
-section = { shape = "circle", diameter_mm = 25.0 }
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-damping = { law = "modal", ratio = 0.03 }
-
-[prior.k11]
-distribution = "log_normal"
-median = 5.0e8
-sd_log = 0.5
-[prior.k12]
-distribution = "log_normal"
-median = 5.0e6
-sd_log = 0.5
-[prior.k22]
-distribution = "log_normal"
-median = 3.0e5
-sd_log = 0.5
-
-[data]
-kind = "synthetic_frf"
-outputs = ["5:y", "3:y"]
-inputs = ["5:y"]
-f_min_hz = 20.0
-f_max_hz = 1000.0
-f_step_hz = 20.0
-truth = { k11 = 5.0e8, k12 = 5.0e6, k22 = 3.0e5 }
-noise = { relative = 0.0, floor = 0.3, seed = 1 }
-"""
+(TEXT,) = parts_named("calibration").values()
 
 FREQUENCIES = re.sub(
     r"(?s)\[data\].*",

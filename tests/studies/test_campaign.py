@@ -16,6 +16,7 @@ from jointbayes.errors import WriteError
 from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, read_cases, run_cases
 from jointbayes.studies.campaign.index import INDEX, campaign_directory, kept_rows, write_index
 from jointbayes.studies.study_directory import append_line
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cli, without_stages
 from tests.one_line import refused
 from tests.studies.task_functions import pretend_case
@@ -361,33 +362,7 @@ def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(
     assert "missing.uff" in ended.stdout
 
 
-BODY_AND_MATRICES = """
-[structure]
-kind = "matrices"
-dofs = ["1:y", "1:rz"]
-stiffness = "K.npy"
-mass = "M.npy"
-damping = { law = "matrix", damping_matrix = "C.npy" }
-[bodies.spindle]
-kind = "measured"
-file = ["nose.uff", "back.uff"]
-variance = { source = "relative", relative = 0.01, floor = 0 }
-[bodies.spindle.channels]
-"5:y" = "nose:y"
-[joint]
-kind = "springs"
-dofs = ["1:y"]
-against = ["nose:y"]
-[prior.ky]
-distribution = "log_uniform"
-low = 1e3
-high = 1e9
-[data]
-kind = "measured_frf"
-file = "tip.uff"
-channels = { "1:y" = "1:y" }
-variance = { source = "relative", relative = 0.02, floor = 0 }
-"""
+(BODY_AND_MATRICES,) = parts_named("campaign").values()
 FILES = ("tip.uff", "nose.uff", "back.uff", "K.npy", "M.npy", "C.npy")
 
 

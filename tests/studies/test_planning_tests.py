@@ -1,6 +1,5 @@
 """Tests that a plan proposes: with quantities of their own, such as an error of an overhang."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamp
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
 from jointbayes.studies.planning.plan_report import plan_lines
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, cheap_text, pair_matrix
 from vibrecords import FrfData, FrfSet, RelativeNoise
 
@@ -123,47 +123,7 @@ def test_draws_of_what_only_a_proposed_test_has_are_those_of_its_prior():
     np.testing.assert_array_equal(WithOwn(problem, ()).drawn(known, np.random.default_rng(1)), known)
 
 
-PLANNED = """
-[uncertain.length]
-sd_mm = 0.1
-own = true
-
-[uncertain.length_offset]
-sd_mm = 1.9
-
-[plan]
-parameter = "k12"
-outputs = ["3:y"]
-together = [["short", "3:y"]]
-
-[plan.tests.short.structure]
-length_mm = 200.0
-
-[plan.tests.heavy]
-structure.accelerometer_mass_g = 2000.0
-uncertain.density.sd_percent = 1.0
-data.outputs = ["5:y", "2:y"]
-"""
-
-
-NOISES = """
-[noise]
-scale = "sampled"
-
-[tests.tested]
-[tests.tested.noise]
-distribution = "student_t"
-scale = "known"
-
-[tests.also.structure]
-length_mm = 250.0
-
-[plan]
-outputs = ["3:y"]
-
-[plan.tests.short.structure]
-length_mm = 200.0
-"""
+PLANNED, NOISES, SPRINGS = parts_named("planning_tests").values()
 
 
 def planned_case(text=PLANNED):
@@ -242,33 +202,6 @@ def replace_data(case, theta):
     return replace(case.problem, tests=(*known, replace(last, data=exact)))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        *((PLANNED + table, message) for table, message in [
-            ("[plan.tests.a.structure]\nlenght_mm = 3.0", "plan.tests.a.structure.lenght_mm: unknown key"),
-            ("[plan.tests.a.structure]\nlength_mm = -3.0", "plan.tests.a.structure.length_mm: found -3.0;"),
-            ("[plan.tests.a.joint]\nown = true", "plan.tests.a.joint.own: found a joint of its own, of which"),
-            ('[plan.tests.a.data]\noutputs = ["9:y"]', 'plan.tests.a.data.outputs: found "9:y": there is no node 9'),
-            ('[plan.tests.a]\nremove = ["uncertain.lenght"]', 'plan.tests.a.remove: found "uncertain.lenght", which'),
-            ("[plan.tests.a.noise]\nscale = 1", "plan.tests.a.noise: unknown table; expected one of remove, joined"),
-            ('[plan.tests."a b".structure]\nlength_mm = 3.0', 'plan.tests."a b": found a name that tables and'),
-            ("[plan.tests.a.structure]\nlength_mm = 1.0", "plan.tests.a: uncertain structure: found a length_offset"),
-        ]),
-        (NOISES.replace('[noise]\n', '[noise]\nown = true\n'), ": noise.own: found parameters of the noise of its own"),
-        (NOISES.replace("[tests.also.structure]", '[tests.also.noise]\nscale = "sampled"\n[tests.also.structure]'),
-         "plan.tests.short: found that noise_scale of its noise is inferred, which no present test shares"),
-    ],
-)  # fmt: skip
-def test_a_test_that_cannot_be_is_refused_in_one_line(text, message):
-    with pytest.raises(jb.CaseError) as refused:
-        candidates_of(planned_case(text))
-    said = str(refused.value)
-    assert re.match(r"planned:\d+: ", said)
-    assert message in said
-    assert "\n" not in said
-
-
 @pytest.mark.whole
 def test_a_plan_simulates_proposed_tests_and_sets_of_them(cheap_posterior):
     """The cheap posterior knows its beam exactly; a test has an own density and overhang beside it."""
@@ -299,15 +232,6 @@ def test_the_first_look_ranks_the_tests_of_the_shipped_case_as_the_table_does():
         assert sds == sorted(sds)
         assert sds[1] < 0.7 * sds[2]
         assert sds[3] < 0.9 * sds[4]
-
-
-SPRINGS = """
-structure = {length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, elements = 4,
-             section = {shape = "circle", diameter_mm = 25.0}, damping = {law = "modal", ratio = 0.01}}
-joint = {kind = "springs", dofs = ["1:y", "1:rz"]}
-data = {kind = "synthetic_frf", outputs = ["5:y"], inputs = ["5:y"], f_max_hz = 1000.0, f_step_hz = 100.0,
-        truth = {stiffness = {ky = 1e9, krz = 1e6}}, noise = {relative = 0.03, floor = 0.01, seed = 1}}
-"""
 
 
 def test_a_stiffness_that_the_problem_lacks_is_told_before_anything_is_sampled(monkeypatch):
