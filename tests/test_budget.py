@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import jointbayes as jb
 from jointbayes.identification import ModeSearch, first_starts, search_further
@@ -15,6 +14,7 @@ from jointbayes.sampling import Proposal, StudentT, released_draws, run_adapted,
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.stopping import Quantities
 from tests.conftest import cheap_text, edited
+from tests.one_line import refused
 
 ALMOST_NONE = 1e-9  # s
 
@@ -31,8 +31,7 @@ def test_a_budget_is_spent_when_its_time_has_passed():
     assert Budget(ALMOST_NONE).is_spent
     assert not Budget().is_spent
     assert str(Budget()) == f"stopped after {BUDGET_S:g} s of processor time (budget_s)"
-    with pytest.raises(jb.SamplingError, match="budget_s: found 0"):
-        jb.SamplerSettings(budget_s=0.0)
+    refused(lambda: jb.SamplerSettings(budget_s=0.0), jb.SamplingError, "budget_s: found 0")
 
 
 def test_the_budget_grows_with_the_unknowns_unless_it_is_stated():

@@ -156,17 +156,10 @@ def test_every_prompt_in_a_block_of_text_is_a_command_that_there_is():
     assert [(words, fault) for words in shown if (fault := fault_of(words))] == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "jointbayes rum a.toml",
-        "jointbayes run --sed 1 a.toml",
-        "jointbayes run",
-        "make reports",
-        "python -m benchmarks.no",
-        "rm -rf .",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "jointbayes rum a.toml", "jointbayes run --sed 1 a.toml", "jointbayes run", "make reports",
+    "python -m benchmarks.no", "rm -rf .",
+])  # fmt: skip
 def test_a_command_that_there_is_not_is_noticed(line):
     assert fault_of(line.split())
 

@@ -37,15 +37,10 @@ def test_the_interval_of_every_stiffness_holds_what_made_the_data(name):
     assert case["converged"]
 
 
-@pytest.mark.parametrize(
-    ("name", "most_sds", "most_sd", "most_error"),
-    [
-        ("spindle_tool", 3, np.inf, np.inf),
-        ("spindle_measured", 3, np.inf, np.inf),
-        ("lapped_beams", 3, 0.05, np.inf),
-        pytest.param("portal_frame", 4, np.inf, 0.02, marks=(pytest.mark.science, pytest.mark.long)),
-    ],
-)
+@pytest.mark.parametrize(("name", "most_sds", "most_sd", "most_error"), [
+    ("spindle_tool", 3, np.inf, np.inf), ("spindle_measured", 3, np.inf, np.inf), ("lapped_beams", 3, 0.05, np.inf),
+    pytest.param("portal_frame", 4, np.inf, 0.02, marks=(pytest.mark.science, pytest.mark.long)),
+])  # fmt: skip
 def test_the_springs_that_made_the_data_come_back_at_the_map(name, most_sds, most_sd, most_error):
     case, truth = jb.load_case(numbers.CONFIGS / f"{name}.toml"), numbers.truth(numbers.shipped()[name])
     found = jb.find_map(case)

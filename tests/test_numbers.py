@@ -158,13 +158,10 @@ def test_the_terminal_block_says_what_the_record_says(record):
     assert not holds("k11: 5.40 (3.53 to 13.6) GN/m", 1.37e10)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "k11: 4.790e+09 N/m, 95 % 3.534e+09 to 1.355e+10: not identified",
-        "k11: 5.40 (3.50 to 13.6) GN/m: not identified (its interval: too wide (3.8))",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "k11: 4.790e+09 N/m, 95 % 3.534e+09 to 1.355e+10: not identified",
+    "k11: 5.40 (3.50 to 13.6) GN/m: not identified (its interval: too wide (3.8))",
+])  # fmt: skip
 def test_the_words_of_a_verdict_are_read_from_the_terminal_without_their_reason(line):
     assert numbers.words_of("k11", ["converged", line]) == "not identified"
 
@@ -190,31 +187,18 @@ def of_one(record, entry):
     return {**record, "cases": {"one": dict.fromkeys(("k11", "k12", "k22"), entry)}}
 
 
-@pytest.mark.parametrize(
-    ("value", "style", "text"),
-    [
-        (3.8345, ".2g", "3.8"),
-        (42.8, ".2g", "43"),
-        (-12.913, ".1f", "−12.9"),
-        (13553170353.1, "3e", "1.36e10"),
-        (0.00123, "2e", "1.2e−3"),
-        ("not identified", "", "not identified"),
-        ("springs", "code", "`springs`"),
-    ],
-)
+@pytest.mark.parametrize(("value", "style", "text"), [
+    (3.8345, ".2g", "3.8"), (42.8, ".2g", "43"), (-12.913, ".1f", "−12.9"), (13553170353.1, "3e", "1.36e10"),
+    (0.00123, "2e", "1.2e−3"), ("not identified", "", "not identified"), ("springs", "code", "`springs`"),
+])  # fmt: skip
 def test_values_are_printed_in_their_style(value, style, text):
     assert quoted.printed(value, style) == text
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "ends", "ratio"),
-    [
-        (3.53402e9, 1.35532e10, "3.53e9 to 1.36e10", "3.84"),
-        (1.51689e6, 1.52193e6, "1.517e6 to 1.522e6", "1.003"),
-        (8.72e5, 3.39e7, "8.72e5 to 3.39e7", "38.9"),
-        (-1.69e8, 1.33e6, "−1.69e8 to 1.33e6", "either sign"),
-    ],
-)
+@pytest.mark.parametrize(("low", "high", "ends", "ratio"), [
+    (3.53402e9, 1.35532e10, "3.53e9 to 1.36e10", "3.84"), (1.51689e6, 1.52193e6, "1.517e6 to 1.522e6", "1.003"),
+    (8.72e5, 3.39e7, "8.72e5 to 3.39e7", "38.9"), (-1.69e8, 1.33e6, "−1.69e8 to 1.33e6", "either sign"),
+])  # fmt: skip
 def test_an_interval_has_the_digits_that_tell_its_ends_apart(low, high, ends, ratio, record):
     entry = {"low": low, "high": high, "ratio": high / low if low > 0 else None, "unit": "N", "words": "identified"}
     entry["verdict"] = "identified"

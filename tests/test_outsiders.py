@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 import jointbayes as jb
 from jointbayes.inference import GaussianNoise, ScaledNoise
 from tests.conftest import CONFIGS
+from tests.one_line import refused
 from tests.structure.long_rod import LongRod
 from tests.test_workflow import QUICK, TRUTH, from_arrays
 
@@ -126,23 +127,18 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
     np.testing.assert_array_equal(again["k22"], posterior["k22"])
 
 
-@pytest.mark.parametrize(
-    ("noise", "said"),
-    [
-        (type("Half", (), {"scores": None})(), "found as noise Half without draw; expected draw, scores; write those"),
-        (object(), "found as noise object; expected a noise model"),
-        (3.0, r"found as noise 3\.0; expected a noise model"),
-    ],
-)
+@pytest.mark.parametrize(("noise", "said"), [
+    (type("Half", (), {"scores": None})(), "found as noise Half without draw; expected draw, scores; write those"),
+    (object(), "found as noise object; expected a noise model"),
+    (3.0, r"found as noise 3\.0; expected a noise model"),
+])  # fmt: skip
 def test_what_is_no_noise_model_is_told_in_one_line(noise, said):
-    with pytest.raises(jb.ModelError, match=said):
-        from_arrays(noise=noise)
+    refused(lambda: from_arrays(noise=noise), jb.ModelError, said)
 
 
 def test_a_noise_model_without_a_likelihood_is_told_in_one_line():
     problem = from_arrays(noise=type("Bare", (), {"scores": Scaled.scores, "draw": Scaled.draw})())
-    with pytest.raises(jb.ModelError, match="found Bare without log_likelihood"):
-        problem.log_posterior(np.log(TRUTH))
+    refused(lambda: problem.log_posterior(np.log(TRUTH)), jb.ModelError, "found Bare without log_likelihood")
 
 
 class Rod:

@@ -81,14 +81,10 @@ def test_threads_that_overlap_leave_the_number_as_it_was():
         assert of_blas() == before
 
 
-@pytest.mark.parametrize(
-    ("name", "first"),
-    [
-        ("find_map", "jointbayes.workflow._problem_and_case"),
-        ("sample", "jointbayes.workflow._problem_and_case"),
-        ("load_posterior", "jointbayes.posterior.stored_file.read_stored"),
-    ],
-)
+@pytest.mark.parametrize(("name", "first"), [
+    ("find_map", "jointbayes.workflow._problem_and_case"), ("sample", "jointbayes.workflow._problem_and_case"),
+    ("load_posterior", "jointbayes.posterior.stored_file.read_stored"),
+])  # fmt: skip
 def test_every_step_runs_on_one_thread(name, first, monkeypatch):
     def look(*_arguments, **_named):
         raise InterruptedError(str(set(of_blas())))

@@ -17,6 +17,7 @@ from jointbayes.inference import GaussianNoise, StudentNoise
 from jointbayes.sampling import SamplerSettings
 from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix, plain_reports
+from tests.one_line import refused
 from vibrecords import CoherenceNoise, FrfSet, Quantity
 from vibrecords.formats import FORMATS, read_frf, records_of_frf, write_records
 from vibrecords.records import FrfRecord
@@ -194,8 +195,7 @@ def test_several_files_make_one_set(tmp_path):
 def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
     frf = replace(virtual(), averages=1)
     stored(replace(frf, coherence=np.ones(frf.values.shape)), tmp_path / "tip.npz")
-    with pytest.raises(CaseError, match="found 1 average"):
-        loaded(tmp_path, TIP)
+    refused(lambda: loaded(tmp_path, TIP), CaseError, "found 1 average")
     stated = '[data.variance]\nsource = "coherence"\nrelative = 0.02\nfloor = 0.01\n'
     case = loaded(tmp_path, frf_data(variance=stated))
     magnitude = np.abs(frf.values)
@@ -222,8 +222,7 @@ def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_pa
     case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
     assert case.problem.test.data.joint_frf is None
     assert "no FRF of 1:y" in case.problem.test.data.provenance.iteration
-    with pytest.raises(ModelError, match="no FRF of 1:y, a DOF of the joint"):
-        jb.identify(case)
+    refused(lambda: jb.identify(case), ModelError, "no FRF of 1:y, a DOF of the joint")
     result = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml"), "--paper"])
     assert result.exit_code == 0
     assert "The paper's iteration is left out." in result.output
@@ -299,8 +298,7 @@ def test_a_mode_counts_as_missed_from_15_percent_above_that_of_a_rigid_joint(tmp
     length = 383.0 * np.sqrt(found / rigid / above)
     stored(virtual(("5:y",), changes=(("length_mm = 383.0", f"length_mm = {length:.3f}"),)), tmp_path / "tip.npz")
     if missed:
-        with pytest.raises(CaseError, match=r"found mode 1 at .* if a mode was missed"):
-            loaded(tmp_path, FREQUENCIES)
+        refused(lambda: loaded(tmp_path, FREQUENCIES), CaseError, r"found mode 1 at .* if a mode was missed")
     else:
         assert loaded(tmp_path, FREQUENCIES).problem.test.data.frequency_hz[0] > 1.08 * rigid
 
@@ -470,20 +468,16 @@ def test_a_bad_coherence_that_nobody_asks_for_costs_no_line(tmp_path):
     assert case.problem.test.data.frf.n_lines == frf.n_lines
 
 
-@pytest.mark.parametrize(
-    ("values", "coherence", "expected"),
-    [
-        (lambda n: dict.fromkeys(range(n // 2 + 1), 0.0), lambda n: {}, "found exactly 0 at"),
-        (lambda n: dict.fromkeys(range(n), complex(np.nan)), lambda n: {}, "found NaN or infinity at"),
-        (lambda n: {}, lambda n: dict.fromkeys(range(n), 0.0), "found a coherence of 0 at"),
-        (lambda n: {}, lambda n: dict.fromkeys(range(n), 1.2), "found coherence 1.2 at"),
-    ],
-)
+@pytest.mark.parametrize(("values", "coherence", "expected"), [
+    (lambda n: dict.fromkeys(range(n // 2 + 1), 0.0), lambda n: {}, "found exactly 0 at"),
+    (lambda n: dict.fromkeys(range(n), complex(np.nan)), lambda n: {}, "found NaN or infinity at"),
+    (lambda n: {}, lambda n: dict.fromkeys(range(n), 0.0), "found a coherence of 0 at"),
+    (lambda n: {}, lambda n: dict.fromkeys(range(n), 1.2), "found coherence 1.2 at"),
+])  # fmt: skip
 def test_a_file_of_bad_lines_is_refused(tmp_path, values, coherence, expected):
     frf = virtual()
     write_records(spoilt(frf, values(frf.n_lines), coherence(frf.n_lines)), tmp_path / "tip.npz", "npz")
-    with pytest.raises(CaseError, match=expected):
-        loaded(tmp_path, frf_data())
+    refused(lambda: loaded(tmp_path, frf_data()), CaseError, expected)
 
 
 def test_bands_can_be_left_out_of_the_middle(tmp_path):
@@ -511,8 +505,7 @@ def test_one_line_is_refused_before_any_work(tmp_path):
         loaded(tmp_path, frf_data(f"f_max_hz = {f[0] + 1e-3}"))
     problem = truth().problem
     one = replace(problem.test.data, frf=problem.test.data.frf.at_lines([0]), variance=np.ones((1, 1, 1)))
-    with pytest.raises(MeasurementError, match="found 1 line"):
-        jb.sample(problem.with_test(data=one))
+    refused(lambda: jb.sample(problem.with_test(data=one)), MeasurementError, "found 1 line")
 
 
 @pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
@@ -546,8 +539,7 @@ def test_a_layout_names_the_variables_of_a_file_that_nobody_would_know(tmp_path)
     data = frf_data('outputs = ["5:y"]\nquantity = "accelerance"', channels, variance)
     case = loaded(tmp_path, f'{data}\n[data.layout]\nfrf = "a"\nfrequency_hz = "b"\n')
     np.testing.assert_allclose(case.problem.test.data.frf.values, frf.values[:, :1], rtol=1e-12)
-    with pytest.raises(CaseError, match="found neither FRFs nor time histories in 'a'"):
-        loaded(tmp_path, data)
+    refused(lambda: loaded(tmp_path, data), CaseError, "found neither FRFs nor time histories in 'a'")
     with pytest.raises(CaseError, match=r'data.layout.frff: unknown key.* did you mean "frf"'):
         loaded(tmp_path, f'{data}\n[data.layout]\nfrff = "a"\n')
 

@@ -156,15 +156,12 @@ def test_modes_of_a_modal_test_are_typed_into_the_case(tmp_path, monkeypatch):
     assert "\nyoungs_modulus = { sd_percent = 3.0 }" in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--from", "missing.csv"], "found no such file"),
-        (["my_case.toml", "other.toml", "--from", "tip.csv"], "found a second case to write"),
-        (["--from", "../tip.csv"], "found outside of the directory of the case"),
-        (["--from", "empty.csv"], "blank bytes"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--from", "missing.csv"], "found no such file"),
+    (["my_case.toml", "other.toml", "--from", "tip.csv"], "found a second case to write"),
+    (["--from", "../tip.csv"], "found outside of the directory of the case"),
+    (["--from", "empty.csv"], "blank bytes"),
+])  # fmt: skip
 def test_what_cannot_be_begun_leaves_no_case(tmp_path, monkeypatch, arguments, message):
     folder = tmp_path / "here"
     folder.mkdir()

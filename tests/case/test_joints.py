@@ -8,6 +8,7 @@ from jointbayes.errors import CaseError
 from jointbayes.joint import Joint, Joints, parametrisation_named
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import CONFIGS, edited
+from tests.one_line import refused
 
 BEAM = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = BEAM[BEAM.index("[structure]") : BEAM.index("[joint]")]
@@ -72,7 +73,6 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
     squares = np.abs(case.problem.log_posterior.standardised(theta)) ** 2
     assert squares.mean() == pytest.approx(1.0, abs=0.3)
     stated = damped.replace("[data]\n", f"[prior]\nky = {PRIOR}\nkrz = {PRIOR}\ncy = {PRIOR}\n[data]\n", 1)
-    with pytest.raises(CaseError, match=r"prior\.eta: missing table"):
-        case_from_text("case.toml", stated)
+    refused(lambda: case_from_text("case.toml", stated), CaseError, r"prior\.eta: missing table")
     with pytest.raises(CaseError, match=r"joint\.viscous: found viscous kz; expected each once of ky, krz"):
         case_from_text("case.toml", damped.replace('viscous = ["ky"]', 'viscous = ["kz"]'))

@@ -5,20 +5,11 @@ import pytest
 from jointbayes.case.spec.fields import UNITS, same_stem, stem_of, unit_of
 
 
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("length_mm", "mm"),
-        ("youngs_modulus_GPa", "gpa"),
-        ("stiffness_n_per_mm", "n_per_mm"),  # not mm, as a length has it
-        ("damping_n_s_per_m", "n_s_per_m"),
-        ("density_kg_m3", "kg_m3"),
-        ("inertia_kg_mm2", "kg_mm2"),
-        ("ratio", "ratio"),
-        ("in", ""),
-        ("f_max", ""),
-    ],
-)
+@pytest.mark.parametrize(("key", "unit"), [
+    ("length_mm", "mm"), ("youngs_modulus_GPa", "gpa"), ("stiffness_n_per_mm", "n_per_mm"),
+    ("damping_n_s_per_m", "n_s_per_m"), ("density_kg_m3", "kg_m3"), ("inertia_kg_mm2", "kg_mm2"), ("ratio", "ratio"),
+    ("in", ""), ("f_max", ""),
+])  # fmt: skip
 def test_the_longest_unit_at_the_end_of_a_key_counts(key: str, unit: str) -> None:
     assert unit_of(key) == unit
     assert stem_of(key) == ("" if unit == key else key[: -len(unit) - 1] if unit else key)

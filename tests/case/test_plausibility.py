@@ -68,11 +68,9 @@ def test_two_slips_that_cancel_in_the_velocity_of_sound_are_both_named():
     assert "write density_kg_m3 = 7800" in density
 
 
-@pytest.mark.parametrize(
-    ("modulus", "density"),
-    [(210, 7850), (70, 2700), (3, 1150), (12, 450), (30, 2400), (1220, 3510), (16, 11340), (411, 19300), (303, 1850)],
-    ids=["steel", "aluminium", "nylon", "spruce", "concrete", "diamond", "lead", "tungsten", "beryllium"],
-)
+@pytest.mark.parametrize(("modulus", "density"), [
+    (210, 7850), (70, 2700), (3, 1150), (12, 450), (30, 2400), (1220, 3510), (16, 11340), (411, 19300), (303, 1850),
+], ids=["steel", "aluminium", "nylon", "spruce", "concrete", "diamond", "lead", "tungsten", "beryllium"])  # fmt: skip
 def test_solids_have_no_warning(modulus, density):
     changes = [(MODULUS, f"youngs_modulus_gpa = {modulus}.0"), (DENSITY, f"density_kg_m3 = {density}.0")]
     assert warnings_of(*changes) == []

@@ -280,20 +280,14 @@ def test_every_number_is_bounded_as_its_description_says():
 # ---- many faults, and much of anything
 
 
-@pytest.mark.parametrize(
-    ("added", "expected"),
-    [
-        (
-            "[" + "a." * 20_000 + "a]\n",
-            "case.toml:{line}: file: nested too deeply; expected a case file, no more than 20",
-        ),
-        ("a." * 20_000 + "a = 1\n", "case.toml:{line}: file: nested too deeply"),
-        ("a = " + "[" * 60 + "]" * 60 + "\n", "case.toml:1: file: nested too deeply"),
-        ("a = " + "[" * 9000 + "]" * 9000 + "\n", "case.toml:1: file: nested too deeply"),
-        ("a = " + "{a=" * 60 + "1" + "}" * 60 + "\n", "case.toml:1: file: nested too deeply"),
-        ("".join(f"[{'a.' * n}b{n}]\n" for n in range(30)), "case.toml:{line}: file: nested too deeply"),
-    ],
-)
+@pytest.mark.parametrize(("added", "expected"), [
+    ("[" + "a." * 20_000 + "a]\n", "case.toml:{line}: file: nested too deeply; expected a case file, no more than 20"),
+    ("a." * 20_000 + "a = 1\n", "case.toml:{line}: file: nested too deeply"),
+    ("a = " + "[" * 60 + "]" * 60 + "\n", "case.toml:1: file: nested too deeply"),
+    ("a = " + "[" * 9000 + "]" * 9000 + "\n", "case.toml:1: file: nested too deeply"),
+    ("a = " + "{a=" * 60 + "1" + "}" * 60 + "\n", "case.toml:1: file: nested too deeply"),
+    ("".join(f"[{'a.' * n}b{n}]\n" for n in range(30)), "case.toml:{line}: file: nested too deeply"),
+])  # fmt: skip
 def test_a_file_of_many_levels_is_refused_before_it_takes_time(added, expected):
     (line,) = faults_of(f"{GOOD}\n{added}")
     number = GOOD.count("\n") + (22 if "b29" in added else 2)
@@ -313,14 +307,10 @@ def test_a_list_of_thousands_of_dofs_is_one_line(count):
     assert f"data.inputs: found a list of {count}; expected at most 2505 entries; shorten it" in line
 
 
-@pytest.mark.parametrize(
-    "added",
-    [
-        "".join(f"[t{i}]\n" for i in range(4_010)),
-        "".join(f"key{i} = 1\n" for i in range(4_010)),
-        "".join(f"[structure.t{i}]\n" for i in range(4_010)),
-    ],
-)
+@pytest.mark.parametrize("added", [
+    "".join(f"[t{i}]\n" for i in range(4_010)), "".join(f"key{i} = 1\n" for i in range(4_010)),
+    "".join(f"[structure.t{i}]\n" for i in range(4_010)),
+])  # fmt: skip
 def test_of_many_faults_the_first_are_told_and_the_others_counted(added):
     lines = faults_of(f"{GOOD}\n{added}")
     assert len(lines) == 21

@@ -63,15 +63,12 @@ def test_the_prior_of_a_shared_joint_with_a_name_is_stated_for_all():
     assert ": tests.short.joints.left.prior: found it for one test" in line
 
 
-@pytest.mark.parametrize(
-    ("keys", "key", "what"),
-    [
-        ("viscous = ['k11']\n", "viscous", "viscous"),
-        ("loss_factors = ['k11']\n", "loss_factors", "loss_factors"),
-        ("dofs = ['1:z', '1:ry']\n", "dofs", "directions"),
-        ("parametrisation = 'elastic_centre'\n", "parametrisation", "parametrisation"),
-    ],
-)
+@pytest.mark.parametrize(("keys", "key", "what"), [
+    ("viscous = ['k11']\n", "viscous", "viscous"),
+    ("loss_factors = ['k11']\n", "loss_factors", "loss_factors"),
+    ("dofs = ['1:z', '1:ry']\n", "dofs", "directions"),
+    ("parametrisation = 'elastic_centre'\n", "parametrisation", "parametrisation"),
+])  # fmt: skip
 def test_joints_that_share_their_quantities_are_alike(keys, key, what):
     base = HEARD_ALL.replace("length_mm", "dofs_per_node = 5\nlength_mm") if what == "directions" else HEARD_ALL
     base = base.split("[prior]")[0] + PEAKS

@@ -80,26 +80,13 @@ def attacker():
         yield attacker
 
 
-@pytest.mark.parametrize(
-    ("text", "kind"),
-    [
-        ("fine", "accepted"),
-        ("refuse", "refused"),
-        ("zero", "traceback"),
-        ("leave the program", "traceback"),
-        ("nameless", "message"),
-        ("two lines", "message"),
-        ("coloured", "message"),
-        ("leave", "file left"),
-        ("leave in the temporary directory", "file left"),
-        ("warn", "warning"),
-        ("print", "printed"),
-        ("eat", "memory"),
-        ("die", "crash"),
-        pytest.param("compute", "hang", marks=pytest.mark.science),
-        pytest.param("linger", "slow", marks=pytest.mark.science),
-    ],
-)
+@pytest.mark.parametrize(("text", "kind"), [
+    ("fine", "accepted"), ("refuse", "refused"), ("zero", "traceback"), ("leave the program", "traceback"),
+    ("nameless", "message"), ("two lines", "message"), ("coloured", "message"), ("leave", "file left"),
+    ("leave in the temporary directory", "file left"), ("warn", "warning"), ("print", "printed"), ("eat", "memory"),
+    ("die", "crash"), pytest.param("compute", "hang", marks=pytest.mark.science),
+    pytest.param("linger", "slow", marks=pytest.mark.science),
+])  # fmt: skip
 def test_each_misdeed_is_seen_and_the_next_input_is_judged_afresh(attacker, text, kind):
     assert attacker.attempt(text.encode()).kind == kind
     assert attacker.attempt(b"fine").kind == "accepted"

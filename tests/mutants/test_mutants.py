@@ -107,20 +107,17 @@ def test_a_mutant_is_not_killed_by_tests_that_fail_without_it(command, monkeypat
     assert "(test_thing.py)  tests fail" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("change", "fault"),
-    [
-        ({"old": "return"}, "'return' stands 2 times in src/thing.py; expected once; write it as it is now"),
-        ({"old": "return 4"}, "'return 4' stands 0 times in src/thing.py; expected once"),
-        ({"old": ""}, "'' stands 0 times in src/thing.py; expected once"),
-        ({"file": "src/gone.py"}, "'return 2 * x' stands 0 times in src/gone.py; expected once"),
-        ({"new": "return 2 * x"}, "'return 2 * x' in the place of 'return 2 * x'; expected another text"),
-        ({"new": "return 2\n    x"}, "expected another text, both within one line"),
-        ({"tests": ("tests/test_gone.py",)}, "'tests/test_gone.py' is no test; expected a test file, or file::test"),
-        ({"tests": ("tests/test_thing.py::test_doubl",)}, "'tests/test_thing.py::test_doubl' is no test"),
-        ({"tests": ()}, "'' is no test"),
-    ],
-)
+@pytest.mark.parametrize(("change", "fault"), [
+    ({"old": "return"}, "'return' stands 2 times in src/thing.py; expected once; write it as it is now"),
+    ({"old": "return 4"}, "'return 4' stands 0 times in src/thing.py; expected once"),
+    ({"old": ""}, "'' stands 0 times in src/thing.py; expected once"),
+    ({"file": "src/gone.py"}, "'return 2 * x' stands 0 times in src/gone.py; expected once"),
+    ({"new": "return 2 * x"}, "'return 2 * x' in the place of 'return 2 * x'; expected another text"),
+    ({"new": "return 2\n    x"}, "expected another text, both within one line"),
+    ({"tests": ("tests/test_gone.py",)}, "'tests/test_gone.py' is no test; expected a test file, or file::test"),
+    ({"tests": ("tests/test_thing.py::test_doubl",)}, "'tests/test_thing.py::test_doubl' is no test"),
+    ({"tests": ()}, "'' is no test"),
+])  # fmt: skip
 def test_a_mutant_that_no_longer_fits_the_tree_is_refused_by_name_before_any_is_tried(
     command, runs, tree, capsys, change, fault
 ):
@@ -140,25 +137,18 @@ def test_a_mutant_that_is_not_in_the_list_is_named(command, runs, capsys):
     assert "found thrice; expected names of mutants in list.toml" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("code", "printed", "outcome"),
-    [
-        (0, "1 passed", ("survived", "")),
-        (1, "FAILED tests/test_a.py::test_b[x] - assert 1\n1 failed", ("killed", "tests/test_a.py::test_b[x]")),
-        (1, "ERROR tests/test_a.py::test_b - NameError\n1 error", ("killed", "tests/test_a.py::test_b")),
-        (1, "INTERNALERROR> NameError", ("broke pytest", "")),
-        (
-            1,
-            "FAILED tests/a.py::b - Failed: Timeout (>120.0s) from pytest-timeout.",
-            ("takes too long", "tests/a.py::b"),
-        ),
-        (None, "", ("takes too long", "")),
-        (2, "ERROR tests/test_a.py - SyntaxError", ("does not import", "tests/test_a.py")),
-        (4, "ERROR: not found: tests/test_a.py::test_c", ("names no test", "")),
-        (5, "1 deselected", ("runs no test", "")),
-        (3, "", ("pytest ended with 3", "")),
-    ],
-)
+@pytest.mark.parametrize(("code", "printed", "outcome"), [
+    (0, "1 passed", ("survived", "")),
+    (1, "FAILED tests/test_a.py::test_b[x] - assert 1\n1 failed", ("killed", "tests/test_a.py::test_b[x]")),
+    (1, "ERROR tests/test_a.py::test_b - NameError\n1 error", ("killed", "tests/test_a.py::test_b")),
+    (1, "INTERNALERROR> NameError", ("broke pytest", "")),
+    (1, "FAILED tests/a.py::b - Failed: Timeout (>120.0s) from pytest-timeout.", ("takes too long", "tests/a.py::b")),
+    (None, "", ("takes too long", "")),
+    (2, "ERROR tests/test_a.py - SyntaxError", ("does not import", "tests/test_a.py")),
+    (4, "ERROR: not found: tests/test_a.py::test_c", ("names no test", "")),
+    (5, "1 deselected", ("runs no test", "")),
+    (3, "", ("pytest ended with 3", "")),
+])  # fmt: skip
 def test_only_a_test_that_fails_kills(code, printed, outcome):
     assert judge(code, printed) == outcome
 

@@ -61,31 +61,22 @@ EXPLAINS, NOT, TEN = (
 )
 
 
-@pytest.mark.parametrize(
-    ("path", "to", "where", "kept", "found"),
-    [
-        ((*K22, "median"), 1.5181e6, "summary.parameters.k22.median", "1517900.0", "1518100.0"),
-        ((*K22, "interval95", 1), 1.5539e6, "summary.parameters.k22.interval95[1]", "1553700.0", "1553900.0"),
-        ((*K22, "interval95", 1), ..., "summary.parameters.k22.interval95[1]", "1553700.0", "nothing"),
-        ((*K22, "limit95"), 1.0, "summary.parameters.k22.limit95", "None", "1.0"),
-        ((*K22, "verdict"), ..., "summary.parameters.k22.verdict", "'identified'", "nothing"),
-        ((*K22, "new"), 2, "summary.parameters.k22.new", "nothing", "2"),
-        (("summary", "converged"), False, "summary.converged", "True", "False"),
-        (("summary", "check", "steps"), 151, "summary.check.steps", "150", "151"),
-        (
-            ("summary", "check", "sentence"),
-            "Misfit 1.0025 times the noise.",
-            "summary.check.sentence",
-            "1.0023",
-            "1.0025",
-        ),
-        (("draws_sha256",), "0a1c", "draws_sha256", "'0a1b'", "'0a1c'"),
-        (("report", 0), NOT, "report", repr(EXPLAINS), repr(NOT)),
-        (("report", 0), ..., "report", repr(EXPLAINS), "nothing"),
-        (("report", 2), "Of 15 starts 14 succeed.", "report 'Of 15 starts 14 succeed.'", "15", "14"),
-        (("report", 1), TEN, f"report {TEN!r}", "1.518 × 10⁶", "1.518 × 10⁷"),
-    ],
-)
+@pytest.mark.parametrize(("path", "to", "where", "kept", "found"), [
+    ((*K22, "median"), 1.5181e6, "summary.parameters.k22.median", "1517900.0", "1518100.0"),
+    ((*K22, "interval95", 1), 1.5539e6, "summary.parameters.k22.interval95[1]", "1553700.0", "1553900.0"),
+    ((*K22, "interval95", 1), ..., "summary.parameters.k22.interval95[1]", "1553700.0", "nothing"),
+    ((*K22, "limit95"), 1.0, "summary.parameters.k22.limit95", "None", "1.0"),
+    ((*K22, "verdict"), ..., "summary.parameters.k22.verdict", "'identified'", "nothing"),
+    ((*K22, "new"), 2, "summary.parameters.k22.new", "nothing", "2"),
+    (("summary", "converged"), False, "summary.converged", "True", "False"),
+    (("summary", "check", "steps"), 151, "summary.check.steps", "150", "151"),
+    (("summary", "check", "sentence"), "Misfit 1.0025 times the noise.", "summary.check.sentence", "1.0023", "1.0025"),
+    (("draws_sha256",), "0a1c", "draws_sha256", "'0a1b'", "'0a1c'"),
+    (("report", 0), NOT, "report", repr(EXPLAINS), repr(NOT)),
+    (("report", 0), ..., "report", repr(EXPLAINS), "nothing"),
+    (("report", 2), "Of 15 starts 14 succeed.", "report 'Of 15 starts 14 succeed.'", "15", "14"),
+    (("report", 1), TEN, f"report {TEN!r}", "1.518 × 10⁶", "1.518 × 10⁷"),
+])  # fmt: skip
 def test_a_change_is_named_alone_with_its_place(path, to, where, kept, found):
     assert list(map(str, differences(RECORD, changed(*path, to=to)))) == [f"{where}: kept {kept}, found {found}"]
 

@@ -264,15 +264,10 @@ def test_what_is_calibrated_is_what_a_run_answers_by(kind, monkeypatch, cheap_ca
     np.testing.assert_allclose(test.data.modes.values, its.data.modes.values, rtol=0.5)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--n", "0"], "--n"),
-        (["--data-from", "missing.toml"], "no such file"),
-        (["--data-from", "other.toml"], "other quantity"),
-        (["--out", "full"], "holds other files"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--n", "0"], "--n"), (["--data-from", "missing.toml"], "no such file"),
+    (["--data-from", "other.toml"], "other quantity"), (["--out", "full"], "holds other files"),
+])  # fmt: skip
 def test_bad_input_exits_2(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     write_case(tmp_path / "case.toml", small_case())

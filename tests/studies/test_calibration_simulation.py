@@ -8,6 +8,7 @@ from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.posterior.prediction import replace_values, simulated_values
 from jointbayes.studies.data_sets import require_simulable
 from tests.conftest import pair_matrix
+from tests.one_line import refused
 from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
 
 CASES = {
@@ -92,23 +93,18 @@ def test_a_term_of_ones_own_is_refused():
 
     problem = small_case().problem
     own = replace(problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
-    with pytest.raises(ModelError, match="no data can be drawn"):
-        require_simulable(own, own)
+    refused(lambda: require_simulable(own, own), ModelError, "no data can be drawn")
 
 
-@pytest.mark.parametrize(
-    ("text", "what"),
-    [
-        (TEXT.replace("f_step_hz = 20.0", "f_step_hz = 10.0"), "lines"),
-        (TEXT.replace('["5:y", "3:y"]', '["5:y"]'), "outputs"),
-        (TEXT.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"'), "quantity"),
-        (FREQUENCIES, "data"),
-    ],
-)
+@pytest.mark.parametrize(("text", "what"), [
+    (TEXT.replace("f_step_hz = 20.0", "f_step_hz = 10.0"), "lines"),
+    (TEXT.replace('["5:y", "3:y"]', '["5:y"]'), "outputs"),
+    (TEXT.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"'), "quantity"),
+    (FREQUENCIES, "data"),
+])  # fmt: skip
 def test_data_that_are_measured_otherwise_are_refused(text, what):
     other = small_case(text=text, name="other").problem
-    with pytest.raises(MeasurementError, match=f"other has other .*{what}"):
-        require_simulable(small_case().problem, other)
+    refused(lambda: require_simulable(small_case().problem, other), MeasurementError, f"other has other .*{what}")
 
 
 def test_data_of_another_noise_are_not():

@@ -383,17 +383,10 @@ def test_a_change_in_any_file_that_a_case_names_makes_it_another_case(tmp_path):
     assert len(set(marks)) == len(FILES) + 1
 
 
-@pytest.mark.parametrize(
-    ("file", "key"),
-    [
-        ("tip.uff", "data.file"),
-        ("nose.uff", "bodies.spindle.file"),
-        ("back.uff", "bodies.spindle.file"),
-        ("K.npy", "structure.stiffness"),
-        ("M.npy", "structure.mass"),
-        ("C.npy", "structure.damping.damping_matrix"),
-    ],
-)
+@pytest.mark.parametrize(("file", "key"), [
+    ("tip.uff", "data.file"), ("nose.uff", "bodies.spindle.file"), ("back.uff", "bodies.spindle.file"),
+    ("K.npy", "structure.stiffness"), ("M.npy", "structure.mass"), ("C.npy", "structure.damping.damping_matrix"),
+])  # fmt: skip
 def test_any_file_elsewhere_is_refused_by_its_key(file, key, tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(BODY_AND_MATRICES.replace(file, f"../{file}"))

@@ -71,19 +71,10 @@ def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
 # ---- words and probabilities
 
 
-@pytest.mark.parametrize(
-    ("two_log_b", "words"),
-    [
-        (0.0, "not worth more than a bare mention"),
-        (1.99, "not worth more than a bare mention"),
-        (2.01, "positive"),
-        (5.99, "positive"),
-        (6.01, "strong"),
-        (9.99, "strong"),
-        (10.01, "very strong"),
-        (1e9, "very strong"),
-    ],
-)
+@pytest.mark.parametrize(("two_log_b", "words"), [
+    (0.0, "not worth more than a bare mention"), (1.99, "not worth more than a bare mention"), (2.01, "positive"),
+    (5.99, "positive"), (6.01, "strong"), (9.99, "strong"), (10.01, "very strong"), (1e9, "very strong"),
+])  # fmt: skip
 def test_bayes_factors_are_graded_as_by_kass_and_raftery(two_log_b, words):
     assert bayes_factor_words(two_log_b) == words
 
@@ -218,15 +209,10 @@ def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
     assert what_differs(cases[:1]) == {"long": "long"}
 
 
-@pytest.mark.parametrize(
-    ("method", "pareto_k", "trusted"),
-    [
-        ("importance sampling", 0.69, True),
-        ("importance sampling", 0.71, False),
-        ("importance sampling", np.inf, False),
-        ("nested sampling", np.nan, True),
-    ],
-)
+@pytest.mark.parametrize(("method", "pareto_k", "trusted"), [
+    ("importance sampling", 0.69, True), ("importance sampling", 0.71, False), ("importance sampling", np.inf, False),
+    ("nested sampling", np.nan, True),
+])  # fmt: skip
 def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
     candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
     assert candidate.trusted == trusted

@@ -7,6 +7,7 @@ import pytest
 
 from jointbayes.errors import CaseError, WriteError
 from jointbayes.studies.study_directory import append_line, kept_lines, read_lines
+from tests.one_line import refused
 
 
 def test_lines_read_back_as_they_were_and_dates_as_text(tmp_path):
@@ -29,8 +30,7 @@ def test_line_that_was_cut_off_takes_no_other_with_it(tmp_path):
 
 
 def test_line_that_cannot_be_written_is_an_error_in_a_line(tmp_path):
-    with pytest.raises(WriteError, match="expected a place with room"):
-        append_line(tmp_path / "missing" / "lines", {})
+    refused(lambda: append_line(tmp_path / "missing" / "lines", {}), WriteError, "expected a place with room")
 
 
 @dataclass(frozen=True)

@@ -397,17 +397,10 @@ def test_a_plan_says_what_the_case_takes_as_exact():
     assert taken_as_exact(stated.problem, None) == ()
 
 
-@pytest.mark.parametrize(
-    ("found", "sentence", "kind"),
-    [
-        (
-            {"a": (0.95, 0.95), "b": (0.99, 0.99)},
-            "None of the 2 simulated measurements would narrow k12 much",
-            "caution",
-        ),
-        ({"converged": False, "a": (0.1, 0.1)}, "No recommendation: the calculation for the data in hand has", "bad"),
-    ],
-)
+@pytest.mark.parametrize(("found", "sentence", "kind"), [
+    ({"a": (0.95, 0.95), "b": (0.99, 0.99)}, "None of the 2 simulated measurements would narrow k12 much", "caution"),
+    ({"converged": False, "a": (0.1, 0.1)}, "No recommendation: the calculation for the data in hand has", "bad"),
+])  # fmt: skip
 def test_nothing_is_recommended_that_does_not_help_or_is_of_draws_that_have_not_converged(found, sentence, kind):
     of = planned(**{name: simulated(*sds) if isinstance(sds, tuple) else sds for name, sds in found.items()})
     assert of.recommended is None
@@ -522,14 +515,11 @@ def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_po
     assert len(plan.measurements) == 5
 
 
-@pytest.mark.parametrize(
-    ("value", "found"),
-    [
-        ('[["3:y", "6:y"]]', 'found "6:y"; expected names of candidates: 3:y, 5:rz, 4 × averages; correct it'),
-        ('[["3:y"]]', "found a list of 1"),
-        ('["3:y"]', 'found the text "3:y" as entry 1'),
-    ],
-)
+@pytest.mark.parametrize(("value", "found"), [
+    ('[["3:y", "6:y"]]', 'found "6:y"; expected names of candidates: 3:y, 5:rz, 4 × averages; correct it'),
+    ('[["3:y"]]', "found a list of 1"),
+    ('["3:y"]', 'found the text "3:y" as entry 1'),
+])  # fmt: skip
 def test_a_stated_set_of_what_is_no_candidate_is_refused_in_one_line(value, found, cheap_posterior):
     text = planned_text(('"5:rz"]\n', f'"5:rz"]\ntogether = {value}\n'))
     with pytest.raises(jb.CaseError) as refused:

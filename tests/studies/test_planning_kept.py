@@ -71,17 +71,12 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        ({"seed": 4}, "seed"),
-        ({"text": planned_text(("length_mm = 383.0", "length_mm = 384.0"))}, "structure.length_mm"),
-        ({"text": planned_text(('"5:rz"]\n', '"5:rz"]\nadded_mass_g = 3.0\n'))}, "plan.added_mass_g"),
-        ({"assume": {"k11": 1e9, "k12": 1e7, "k22": 1e6}}, "assumed joint"),
-        ({"simulations": 10}, "number of truths"),
-        ({}, "version of"),
-    ],
-)
+@pytest.mark.parametrize(("options", "part"), [
+    ({"seed": 4}, "seed"), ({"text": planned_text(("length_mm = 383.0", "length_mm = 384.0"))}, "structure.length_mm"),
+    ({"text": planned_text(('"5:rz"]\n', '"5:rz"]\nadded_mass_g = 3.0\n'))}, "plan.added_mass_g"),
+    ({"assume": {"k11": 1e9, "k12": 1e7, "k22": 1e6}}, "assumed joint"), ({"simulations": 10}, "number of truths"),
+    ({}, "version of"),
+])  # fmt: skip
 def test_simulations_of_another_plan_are_refused_before_any_work(options, part, tmp_path, monkeypatch, cheap_posterior):
     few(cheap_posterior, tmp_path, simulations=0)
     before = (tmp_path / KEPT).read_bytes()

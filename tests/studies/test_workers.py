@@ -16,6 +16,7 @@ import jointbayes as jb
 from jointbayes.errors import WorkerError
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.workers import attempt, packed, run_tasks
+from tests.one_line import refused
 from tests.studies.task_functions import (
     fail_some,
     hang_some,
@@ -180,19 +181,15 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
     assert "WorkerError: workers: found that 3 processes or more ended" in ended.stderr
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"workers": 0}, "workers = 0"),
-        ({"seconds": -1.0}, "seconds = -1"),
-        ({"executor": ThreadPoolExecutor, "scheduler": "tcp://127.0.0.1:1"}, "executor with scheduler"),
-        ({"scheduler": "tcp://127.0.0.1:1"}, "scheduler: found none at tcp://127.0.0.1:1"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"workers": 0}, "workers = 0"),
+    ({"seconds": -1.0}, "seconds = -1"),
+    ({"executor": ThreadPoolExecutor, "scheduler": "tcp://127.0.0.1:1"}, "executor with scheduler"),
+    ({"scheduler": "tcp://127.0.0.1:1"}, "scheduler: found none at tcp://127.0.0.1:1"),
+])  # fmt: skip
 def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.workers._CONNECT", 1.0)
-    with pytest.raises(WorkerError, match=message):
-        list(run_tasks(square, numbered(3), **settings))
+    refused(lambda: list(run_tasks(square, numbered(3), **settings)), WorkerError, message)
 
 
 def test_function_that_cannot_be_sent_is_refused():
@@ -224,8 +221,7 @@ def test_what_is_done_is_handed_out_before_an_executor_that_breaks_is_reported()
     with Breaks(1) as executor:
         outcomes = run_tasks(square, numbered(3), executor=executor)
         assert next(outcomes).key == "task 0"
-        with pytest.raises(WorkerError, match=r"executor: found that it has gone.*\(BrokenExecutor\)"):
-            next(outcomes)
+        refused(lambda: next(outcomes), WorkerError, r"executor: found that it has gone.*\(BrokenExecutor\)")
 
 
 @pytest.mark.whole
