@@ -134,8 +134,7 @@ def test_an_extrapolated_row_states_the_time_of_the_same_steps_at_another_price(
     run = made_up_run()
     slow = extrapolated(run, 1000.0, "slow")
     # 100 effective samples of 8 walkers with τ = 40 are 500 steps, each 8 evaluations of 1 ms and 1 ms of emcee
-    assert slow.seconds == pytest.approx(500 * 9e-3)
-    assert slow.start_up_seconds == pytest.approx(200 * 9e-3)
+    assert (slow.seconds, slow.start_up_seconds) == (pytest.approx(500 * 9e-3), pytest.approx(200 * 9e-3))
     found = row("slow", slow, run, 1000.0, 3.0, extrapolate=True)
     assert found["seconds_to_wanted"] == pytest.approx(3.0 + 200 * 9e-3 + 2000 * 4.5 / 100)
     assert (found["mean_difference"], found["sd_ratio"], found["extrapolated"]) == (0.0, 1.0, True)
@@ -166,8 +165,7 @@ def test_a_sampler_that_misses_part_of_the_posterior_is_called_out():
 
 
 def test_kish_counts_equal_weights_in_full():
-    assert kish(np.full(7, 0.3)) == pytest.approx(7)
-    assert kish(np.array([1.0, 0.0, 0.0])) == pytest.approx(1)
+    assert (kish(np.full(7, 0.3)), kish(np.array([1.0, 0.0, 0.0]))) == (pytest.approx(7), pytest.approx(1))
 
 
 @pytest.mark.parametrize(("value", "text"), [

@@ -35,8 +35,7 @@ def test_a_budget_is_spent_when_its_time_has_passed():
 
 
 def test_the_budget_grows_with_the_unknowns_unless_it_is_stated():
-    assert usual_budget_s(12) == 120.0
-    assert usual_budget_s(13) == 130.0
+    assert (usual_budget_s(12), usual_budget_s(13)) == (120.0, 130.0)
     assert str(jb.SamplerSettings().budget(36)) == "stopped after 360 s of processor time (budget_s)"
     assert str(jb.SamplerSettings(budget_s=7.0).budget(36)) == "stopped after 7 s of processor time (budget_s)"
 
@@ -67,8 +66,7 @@ def test_no_further_stage_begins_once_the_time_is_spent():
     proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.4, 0)  # so poor that it explores first
     settings = jb.SamplerSettings(walkers=8, max_steps=20_000, budget_s=ALMOST_NONE)
     chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
-    assert chains.discarded == 0
-    assert chains.steps == settings.check_every
+    assert (chains.discarded, chains.steps) == (0, settings.check_every)
     assert chains.reason.endswith("(budget_s)")
 
 

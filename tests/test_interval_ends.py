@@ -23,8 +23,7 @@ def rows(seeds, stated, rng):
 
 def test_the_ratio_is_scatter_over_stated_error():
     low, high = ratios(rows(4000, 0.5, np.random.default_rng(1)))["k"]
-    assert low == pytest.approx(2.0, rel=0.05)
-    assert high == pytest.approx(2.0, rel=0.05)
+    assert (low, high) == (pytest.approx(2.0, rel=0.05), pytest.approx(2.0, rel=0.05))
 
 
 def test_the_band_leaves_the_errors_that_are_right_and_fails_those_that_are_wrong():

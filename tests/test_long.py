@@ -46,8 +46,7 @@ def test_a_leak_is_seen(work, what, tmp_path):
 def test_growth_is_the_slope_and_one_look_that_is_off_does_not_matter():
     looks = [(n, replace(NOTHING, memory_kb=100.0 + 3 * n)) for n in range(9)]
     looks[4] = (4, replace(NOTHING, memory_kb=1e6))
-    assert growth(looks).memory_kb == pytest.approx(3.0)
-    assert excess(NOTHING) == ()
+    assert (growth(looks).memory_kb, excess(NOTHING)) == (pytest.approx(3.0), ())
 
 
 @pytest.mark.science

@@ -102,8 +102,7 @@ def require_what_is_said(name, summary):
     """Verdicts and intervals are those of the case's comments and of the pages."""
     said, kept = comments(CASES[name]), RECORD["cases"][name]
     assert summary["check"]["explains"] == ("does not explain the data" not in said)
-    assert summary["check"]["explains"] == kept["explains"]
-    assert quoted.stiffnesses(kept) == list(summary["parameters"])
+    assert (summary["check"]["explains"], quoted.stiffnesses(kept)) == (kept["explains"], list(summary["parameters"]))
     for k in summary["parameters"]:
         entry = summary["parameters"][k]
         assert entry["verdict"] == kept[k]["verdict"]

@@ -138,8 +138,7 @@ def test_map_and_draws_of_a_problem_of_arrays_find_the_truth(sampled):
     estimate = jb.find_map(problem)
     sd = np.sqrt(np.diag(estimate.covariance))
     assert (np.abs(np.log(estimate.values / TRUTH)) < 4 * sd).all()
-    assert sampled.record.case_name == "rod"
-    assert sampled.record.case_text == ""
+    assert (sampled.record.case_name, sampled.record.case_text) == ("rod", "")
     draws = np.log(sampled.stiffness)
     np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.3)
     assert "[[Posterior of 'rod']]" in str(sampled.summary())
@@ -238,8 +237,7 @@ def test_a_problem_of_arrays_comes_back_to_the_last_bit(kind, sampled, tmp_path)
     before, after = problem.log_posterior(theta), loaded.log_posterior(theta)
     assert np.isfinite(before).any()
     np.testing.assert_array_equal(after, before)
-    assert str(loaded) == str(problem)
-    assert loaded.prior.scatters == problem.prior.scatters
+    assert (str(loaded), loaded.prior.scatters) == (str(problem), problem.prior.scatters)
     np.testing.assert_array_equal(loaded.first_guess, problem.first_guess)
 
 
@@ -474,8 +472,7 @@ def test_a_higher_mode_that_independent_draws_lead_to_is_taken(frequency_posteri
     assert _with_best_draw(problem, estimate, chains) is estimate
     missed = dataclasses.replace(estimate, theta=theta[0, 0], log_posterior=float(chains.log_density[0, 0]), modes=())
     found = _with_best_draw(problem, missed, chains)
-    assert found.log_posterior == pytest.approx(estimate.log_posterior, abs=1e-6)
-    assert found.starts == missed.starts
+    assert (found.log_posterior, found.starts) == (pytest.approx(estimate.log_posterior, abs=1e-6), missed.starts)
 
 
 @pytest.mark.parametrize(("dip", "same"), [(0.0, True), (0.8, True), (1.2, False)])

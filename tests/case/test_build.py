@@ -176,8 +176,7 @@ def test_without_priors_and_first_guess_the_beam_sets_their_scale():
     assert (rho.low, rho.high) == (-1.0, 1.0)
     centre = edited(bare, ('parametrisation = "log" ', 'parametrisation = "elastic_centre" '))
     _, arm, k22c = jb.case_from_text("centre", centre).problem.prior.marginals
-    assert (arm.low, arm.high) == (-L, L)
-    assert (k22c.low, k22c.high) == (k22.low, k22.high)
+    assert ((arm.low, arm.high), (k22c.low, k22c.high)) == ((-L, L), (k22.low, k22.high))
 
 
 def test_a_case_without_title_is_named_after_its_file_and_a_band_without_lower_end_begins_at_its_step():

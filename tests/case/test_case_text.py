@@ -34,8 +34,7 @@ def test_tables_merge_key_by_key_and_lists_replace(tmp_path):
     expected["structure"]["damping"]["ratio"] = [0.03]
     expected["data"]["outputs"] = []
     expected["prior"]["k11"]["high"] = 2.0
-    assert text.data == expected
-    assert tomllib.loads(text.text) == expected
+    assert (text.data, tomllib.loads(text.text)) == (expected, expected)
     assert "extends" not in text.text
     assert text.text.startswith("# Merged from base.toml, case.toml\n")
 
@@ -48,11 +47,9 @@ def test_each_key_keeps_the_file_and_line_it_stands_in(tmp_path):
     )
     text = read_case_text(case)
     own, base = str(case), str(tmp_path / "base.toml")
-    assert text.place(("structure", "length_mm")) == (base, 4)
-    assert text.place(("data", "outputs", 0)) == (own, 4)
+    assert (text.place(("structure", "length_mm")), text.place(("data", "outputs", 0))) == ((base, 4), (own, 4))
     assert text.place(("data", "outputs", 1)) == (own, 4)  # the second of the base is gone
-    assert text.place(("data", "file")) == (base, 8)
-    assert text.place(("data", "none")) == (own, 3)
+    assert (text.place(("data", "file")), text.place(("data", "none"))) == ((base, 8), (own, 3))
     assert text.place(("prior", "k11", "none")) == (base, 11)
 
 
@@ -63,8 +60,7 @@ def test_what_is_removed_is_gone_with_all_below_it(tmp_path):
         case='extends = "base.toml"\nremove = ["data", "structure.damping.ratio", "title"]\n[data]\nkind = "modes"\n',
     )
     data = read_case_text(case).data
-    assert data["data"] == {"kind": "modes"}
-    assert data["structure"]["damping"] == {"law": "modal"}
+    assert (data["data"], data["structure"]["damping"]) == ({"kind": "modes"}, {"law": "modal"})
     assert "title" not in data
 
 
@@ -82,8 +78,7 @@ def test_a_chain_is_laid_over_from_its_end(tmp_path):
 
 def test_a_text_without_extends_is_itself():
     text = case_text(BASE, "x.toml")
-    assert text.text == BASE
-    assert text.place(("structure", "length_mm")) == ("x.toml", 4)
+    assert (text.text, text.place(("structure", "length_mm"))) == (BASE, ("x.toml", 4))
 
 
 EXTENDS = 'extends = "base.toml"\n'
@@ -134,8 +129,7 @@ file = "nose.uff"
     tables += '[tests.hot.structure]\nmass = "M.npy"\n[tests.hot.bodies.file]\nfile = "c.uff"\n'
     case = write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')
     data = read_case_text(case).data
-    assert data["structure"]["stiffness"] == "sub/K.npy"
-    assert data["structure"]["mass"] == [[1.0]]
+    assert (data["structure"]["stiffness"], data["structure"]["mass"]) == ("sub/K.npy", [[1.0]])
     assert data["structure"]["damping"] == {"law": "matrix", "damping_matrix": "sub/C.csv"}
     assert data["data"] == {"file": ["sub/a.uff", "b.uff"], "channels": {"file": "1:y"}}
     assert data["bodies"]["spindle"]["file"] == "sub/nose.uff"

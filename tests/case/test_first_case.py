@@ -123,8 +123,7 @@ def test_an_open_question_is_named_with_its_line(tmp_path, command):
     csv(tmp_path / "tip.csv")
     typed("init", tmp_path / "my_case.toml", "--from", tmp_path / "tip.csv")
     result = CliRunner().invoke(main, [command, str(tmp_path / "my_case.toml")])
-    assert result.exit_code == 2
-    assert result.output.count('found "?", a question still open; expected') == 5
+    assert (result.exit_code, result.output.count('found "?", a question still open; expected')) == (2, 5)
 
 
 def test_what_the_file_does_not_say_is_asked(tmp_path):

@@ -27,8 +27,7 @@ def two():
 
 def test_a_test_that_is_not_joined_shares_the_material_and_no_stiffness(two):
     free, clamped = two.problem.tests
-    assert (free.name, clamped.name) == ("free", "clamped")
-    assert free.joints == Joints(())
+    assert ((free.name, clamped.name), free.joints) == (("free", "clamped"), Joints(()))
     assert clamped.joints.labels == ("1:y", "1:rz")
     assert two.problem.names == ("k11", "k12", "k22", "youngs_modulus", "density", "length")
     assert two.spec.joined  # what is said of the run is that of a test with its joint
@@ -51,8 +50,7 @@ def test_the_data_of_a_free_test_are_made_by_the_free_structure(two):
 
 def test_natural_frequencies_of_the_free_structure_are_data_whose_numbers_begin_with_the_first_that_bends():
     case = built(BASE + MATERIAL + HEARD_FREE)
-    assert case.problem.tests[0].data.frequency_hz.tolist() == [778.4, 2103.5]
-    assert case.warnings == ()
+    assert (case.problem.tests[0].data.frequency_hz.tolist(), case.warnings) == ([778.4, 2103.5], ())
     part = case.problem.part("free")
     np.testing.assert_allclose(part.natural_frequencies_hz(TABLE_3, 2)[0], [778.4, 2103.5], rtol=1e-4)
     counted_otherwise = built(BASE + MATERIAL + HEARD_FREE.replace("778.4, 2103.5", "2103.5, 4012.0"))

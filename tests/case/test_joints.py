@@ -27,14 +27,10 @@ def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
     low, high = problem.prior.support
     np.testing.assert_allclose(np.exp([low[:3], high[:3]]), [[1e6, 1e4, 1e3], [1e10, 1e7, 1e7]])
     k11, k12, k22, ky, krz = problem.first_guess
-    assert (k12, k22) == (0.0, 0.0)
-    assert k11 == pytest.approx(ky)
-    assert ky / krz == pytest.approx(1 / 0.383**2)
+    assert ((k12, k22), k11, ky / krz) == ((0.0, 0.0), pytest.approx(ky), pytest.approx(1 / 0.383**2))
     theta = problem.parametrisation.coordinates([5e7, 4e5, 5e4, 2e7, 3e4])
     squares = np.abs(problem.log_posterior.standardised(theta)) ** 2
-    assert squares.mean() == pytest.approx(1.0, abs=0.3)
-    assert case.warnings == ()
-    assert case.plan_parameter == "left.k12"
+    assert (squares.mean(), case.warnings, case.plan_parameter) == (pytest.approx(1.0, abs=0.3), (), "left.k12")
 
 
 def test_a_lone_joint_may_be_of_another_kind():
@@ -50,8 +46,7 @@ def test_joints_may_share_their_quantities():
     own = "[data.truth.stiffness.right]\nky = 2e7\nkrz = 3e4\n"
     text = edited(TWO, ('kind = "springs"\ndofs', 'shared = "left"\ndofs'), (own, ""))
     problem = case_from_text("shared", text).problem
-    assert problem.names == ("left.k11", "left.k12", "left.k22")
-    assert problem.parametrisation.size == 4
+    assert (problem.names, problem.parametrisation.size) == (("left.k11", "left.k12", "left.k22"), 4)
 
 
 PRIOR = '{ distribution = "decades", guess = 1e9, decades = 1.0 }'
@@ -64,8 +59,7 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
         (TRUTH, "[data.truth.stiffness]\nky = 5e7\nkrz = 5e4\ncy = 300.0\neta = 0.1\n"),
     )
     case = case_from_text("damped", damped)
-    assert case.problem.names == ("ky", "krz", "cy", "eta")
-    assert case.warnings == ()
+    assert (case.problem.names, case.warnings) == (("ky", "krz", "cy", "eta"), ())
     low, high = np.exp(case.problem.prior.support)
     assert (low[3], high[3]) == pytest.approx((1e-4, 1.0))
     assert low[2] < 300.0 < high[2]

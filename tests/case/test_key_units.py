@@ -11,8 +11,7 @@ from jointbayes.case.spec.fields import UNITS, same_stem, stem_of, unit_of
     ("in", ""), ("f_max", ""),
 ])  # fmt: skip
 def test_the_longest_unit_at_the_end_of_a_key_counts(key: str, unit: str) -> None:
-    assert unit_of(key) == unit
-    assert stem_of(key) == ("" if unit == key else key[: -len(unit) - 1] if unit else key)
+    assert (unit_of(key), stem_of(key)) == (unit, ("" if unit == key else key[: -len(unit) - 1] if unit else key))
 
 
 def test_a_key_in_another_unit_is_told_from_its_like() -> None:

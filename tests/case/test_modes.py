@@ -64,8 +64,7 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
     measured = jb.case_from_text("modes", text).problem.test.data
     np.testing.assert_allclose(measured.frequency_hz, [118.0, 750.0])
     np.testing.assert_allclose(measured.frequency.sd[0], np.multiply(eigenvalue, [0.01, 0.02]))
-    assert measured.references == ("11:y", "10:y")
-    assert measured.shapes.components.values.shape == (2, 2, 2)
+    assert (measured.references, measured.shapes.components.values.shape) == (("11:y", "10:y"), (2, 2, 2))
 
 
 def test_damping_ratios_make_uncertain_damping_visible():

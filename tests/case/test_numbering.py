@@ -98,8 +98,7 @@ def test_frequencies_in_rad_per_s_are_named(ky, krz):
     frequency = np.array(measured(ky, krz, 1, 5))
     (warning,) = bar((2 * np.pi * frequency).tolist()).warnings
     assert "fit far better divided by 2π, as if they were in rad/s" in warning.text
-    assert warning.key == "data.frequencies_hz"
-    assert bar(frequency.tolist()).warnings == ()
+    assert (warning.key, bar(frequency.tolist()).warnings) == ("data.frequencies_hz", ())
 
 
 @pytest.mark.science

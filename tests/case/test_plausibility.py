@@ -41,8 +41,7 @@ def warnings_of(*changes, text=None):
 @pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_no_shipped_case_has_a_warning_or_a_prior_that_it_does_not_state(config):
     case = jb.load_case(config)
-    assert case.warnings == ()
-    assert case.default_priors == frozenset()
+    assert (case.warnings, case.default_priors) == ((), frozenset())
 
 
 @pytest.mark.parametrize(("changes", "key", "words"), refusal_rows()["small beam, slips"])

@@ -53,8 +53,7 @@ def test_several_faults_come_one_line_each_in_the_order_of_the_file():
     text = GOOD.replace("walkers = 48", "walkers = 1").replace("low = 1.0e4", "low = -1")
     text = text.replace("elements = 10", 'elements = "ten"').replace("length_mm = 383.0", "")
     numbers = [int(line.split(":")[1]) for line in faults_of(text)]
-    assert len(numbers) == 4
-    assert numbers == sorted(numbers)
+    assert (len(numbers), numbers) == (4, sorted(numbers))
     assert text.splitlines()[numbers[0] - 1].startswith("[structure]")
     assert text.splitlines()[numbers[3] - 1].startswith("walkers")
 
@@ -202,8 +201,7 @@ def test_the_clamped_beam_is_the_one_of_the_paper():
     case = parse_case(GOOD)
     assert isinstance(case.structure.section, CircleSpec)
     lines = case.data.lines_hz()
-    assert (len(lines), lines[0], lines[-1]) == (2481, 20.0, 2500.0)
-    assert case.structure.damping.ratio == (0.01,)
+    assert ((len(lines), lines[0], lines[-1]), case.structure.damping.ratio) == ((2481, 20.0, 2500.0), (0.01,))
     assert (case.joint.initial.k11, case.joint.initial.k12, case.joint.initial.k22) == (1e8, 0.0, 0.0)
 
 
@@ -211,8 +209,7 @@ def test_the_clamped_beam_is_the_one_of_the_paper():
 def test_natural_frequencies_may_come_from_an_uncertain_structure_with_noise_of_unknown_scale(name):
     text = f'{SIGNED}\n[uncertain.{name}]\nsd_percent = 1.0\n[noise]\nscale = "sampled"\n'
     case = parse_case(text)
-    assert list(case.uncertain.given) == [name]
-    assert case.noise.scale == "sampled"
+    assert (list(case.uncertain.given), case.noise.scale) == ([name], "sampled")
 
 
 def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measured_inputs():
@@ -313,8 +310,7 @@ def test_a_list_of_thousands_of_dofs_is_one_line(count):
 ])  # fmt: skip
 def test_of_many_faults_the_first_are_told_and_the_others_counted(added):
     lines = faults_of(f"{GOOD}\n{added}")
-    assert len(lines) == 21
-    assert lines[-1] == "and 3990 more"
+    assert (len(lines), lines[-1]) == (21, "and 3990 more")
     numbers = [int(line.split(":")[1]) for line in lines[:-1]]
     assert numbers == sorted(numbers)
 

@@ -59,16 +59,14 @@ def test_a_case_of_two_tests_is_the_problem_that_one_would_write_by_hand():
 def test_the_order_of_tables_and_what_a_test_replaces_are_those_of_extends():
     first, second = parse_tests(BASE + TWO).values()
     assert (first.structure.length_mm, second.structure.length_mm) == (383.0, 200.0)
-    assert second.structure.section == first.structure.section
-    assert second.data.noise == first.data.noise
+    assert (second.structure.section, second.data.noise) == (first.structure.section, first.data.noise)
     assert parse_case(BASE + TWO) == first
 
 
 def test_what_a_test_removes_is_taken_out_of_the_rest_of_the_file():
     heard = edited(HEARD, ('["data"]', '["data", "uncertain.damping_ratio"]'))
     specs = parse_tests(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
-    assert specs["heard"].data.kind == "natural_frequencies"
-    assert list(specs["heard"].uncertain.given) == []
+    assert (specs["heard"].data.kind, list(specs["heard"].uncertain.given)) == ("natural_frequencies", [])
     assert list(specs["long"].uncertain.given) == ["damping_ratio"]
 
 
@@ -223,8 +221,7 @@ def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
     plan = '\n[plan.tests.mid.structure]\nlength_mm = 250.0\n[left_out]\ntests = ["short"]\n'
     today = BASE + TWO + plan
     older = re.sub(r"(?<=[\[.])tests(?=[.\]])|(?<=\n)tests(?= =)", "setups", today)
-    assert older.count("setups") == 5
-    assert parse_tests(older) == parse_tests(today)
+    assert (older.count("setups"), parse_tests(older)) == (5, parse_tests(today))
     (tmp_path / "older.toml").write_text(older, encoding="utf-8")
     (tmp_path / "over.toml").write_text(
         'extends = "older.toml"\nremove = ["setups.short", "left_out"]\n', encoding="utf-8"

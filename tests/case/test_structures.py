@@ -209,8 +209,7 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     assert description.unstored == {}
     again = _Restoring(lambda name: description.arrays[name], "here").part(json.loads(json.dumps(plain)), "structure")
     assert isinstance(again, FrameFamily)
-    assert again.recipe == recipe.recipe
-    assert again.ranges == recipe.ranges
+    assert (again.recipe, again.ranges) == (recipe.recipe, recipe.ranges)
 
 
 @pytest.mark.parametrize(("element", "right"), [("converged", True), ("paper", False)])

@@ -81,24 +81,17 @@ def test_each_mutant_is_put_in_alone_and_taken_out_and_a_survivor_makes_exit_cod
     assert re.search(r"^twice +killed +\d+\.\d s  tests/test_thing\.py::test_double$", told, re.MULTILINE)
     assert re.search(r"^half +survived +\d+\.\d s$", told, re.MULTILINE)
     assert re.search(r"^1 mutants killed, 1 not: half; \d+ s$", told, re.MULTILINE)
-    assert (tree / "src/thing.py").read_text() == TRUE
-    assert command(KILLED, SURVIVES, arguments=["twice"]) == 0
+    assert ((tree / "src/thing.py").read_text(), command(KILLED, SURVIVES, arguments=["twice"])) == (TRUE, 0)
 
 
 def test_what_is_done_is_not_done_again_unless_the_tree_is_another(command, runs, tree, tmp_path):
-    assert command(KILLED) == 0
-    assert command(KILLED, arguments=["--resume"]) == 0
-    assert len(runs) == 2
+    assert (command(KILLED), command(KILLED, arguments=["--resume"]), len(runs)) == (0, 0, 2)
     kept = tmp_path / "outcomes.jsonl"
     kept.write_text(kept.read_text()[:-20])  # cut off in the line of the mutant
     for _ in range(2):
-        assert command(KILLED, arguments=["--resume"]) == 0
-        assert len(runs) == 3
+        assert (command(KILLED, arguments=["--resume"]), len(runs)) == (0, 3)
     (tree / "tests/test_thing.py").write_text(f"{TESTED}\n")
-    assert command(KILLED, arguments=["--resume"]) == 0
-    assert len(runs) == 5
-    assert command(KILLED) == 0
-    assert len(runs) == 7
+    assert (command(KILLED, arguments=["--resume"]), len(runs), command(KILLED), len(runs)) == (0, 5, 0, 7)
 
 
 def test_a_mutant_is_not_killed_by_tests_that_fail_without_it(command, monkeypatch, capsys):
@@ -126,9 +119,7 @@ def test_a_mutant_that_no_longer_fits_the_tree_is_refused_by_name_before_any_is_
     assert found.startswith("twice: ")
     assert fault in found
     if "\n" not in mutant["new"]:
-        assert command(tuple(mutant.values()), SURVIVES) == 1
-        assert capsys.readouterr().out == f"{found}\n"
-        assert runs == []
+        assert (command(tuple(mutant.values()), SURVIVES), capsys.readouterr().out, runs) == (1, f"{found}\n", [])
 
 
 def test_a_mutant_that_is_not_in_the_list_is_named(command, runs, capsys):

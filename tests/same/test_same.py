@@ -99,11 +99,9 @@ def test_draws_of_another_arithmetic_may_differ_but_not_words_verdicts_and_inter
     moved["report"][1] = "k22  | 1.520 × 10⁶ (1.509)"
     assert differences(RECORD, elsewhere(moved)) == []
     hashes = [{**RECORD, "report": [f"Data SHA-256 {digit * 32}."]} for digit in ("1a", "b2")]
-    assert differences(hashes[0], elsewhere(hashes[1])) == []
-    assert len(differences(*hashes)) == 1
+    assert (differences(hashes[0], elsewhere(hashes[1])), len(differences(*hashes))) == ([], 1)
     walked = changed("summary", "sampler", to={"stretch": 0.6})
-    assert differences(RECORD, elsewhere(walked)) == []
-    assert len(differences(RECORD, walked)) == 1
+    assert (differences(RECORD, elsewhere(walked)), len(differences(RECORD, walked))) == ([], 1)
     far = "summary.parameters.k22.median (draws of two arithmetics)"
     assert differences(RECORD, elsewhere(changed(*K22, "median", to=1.53e6))) == [
         Difference(far, "1517900.0", "1530000.0")
@@ -116,8 +114,7 @@ def test_draws_of_another_arithmetic_may_differ_but_not_words_verdicts_and_inter
 def test_by_another_arithmetic_a_short_run_may_settle_or_not_but_its_intervals_are_the_same():
     unsettled = changed("summary", "converged", to=False)
     unsettled["summary"]["parameters"]["k22"]["verdict"] = "no verdict"
-    assert len(differences(RECORD, unsettled)) == 2
-    assert differences(RECORD, elsewhere(unsettled)) == []
+    assert (len(differences(RECORD, unsettled)), differences(RECORD, elsewhere(unsettled))) == (2, [])
     unsettled["summary"]["parameters"]["k22"]["median"] = 1.53e6
     (far,) = differences(RECORD, elsewhere(unsettled))
     assert far.where == "summary.parameters.k22.median (draws of two arithmetics)"
@@ -214,8 +211,7 @@ def test_the_command_keeps_compares_and_fails(run, tmp_path):
 
 
 def test_a_name_that_is_none_is_refused_and_ci_stands_for_five(run):
-    assert run("two_stories")[0] == 2
-    assert sorted(run("ci", "--update")[2]) == sorted(IN_CI)
+    assert (run("two_stories")[0], sorted(run("ci", "--update")[2])) == (2, sorted(IN_CI))
 
 
 def test_each_case_is_kept_and_small():

@@ -73,8 +73,7 @@ def test_a_log_density_is_ranked_only_where_both_cases_have_the_same_coordinates
 def test_a_data_set_depends_on_seed_and_number_alone(done):
     job = driver._job(small_case(), None, SETTINGS, None, print)
     again, other = analyse(job, 3), analyse(dataclasses.replace(job, seed=2), 3)
-    assert again.rank == done.data_sets[3].rank
-    assert again.truth == done.data_sets[3].truth
+    assert (again.rank, again.truth) == (done.data_sets[3].rank, done.data_sets[3].truth)
     assert other.truth != again.truth
     assert len({one.truth for one in done.data_sets}) == COUNT
 
@@ -130,8 +129,7 @@ def test_near_the_data_truths_are_draws_of_the_posterior_whatever_their_number(m
     few, all_, more = (driver._truths_near(small_case(), n, 5, print) for n in (4, 10, 13))
     assert (few == all_[:4]).all()
     assert (more[:10] == all_).all()
-    assert sorted(all_[:, 0]) == theta[:, 0].tolist()
-    assert seeds == [5, 5, 5]
+    assert (sorted(all_[:, 0]), seeds) == (theta[:, 0].tolist(), [5, 5, 5])
     with pytest.raises(jb.SamplingError, match=r"posterior of bad, .*not converged \(too short\)"):
         driver._truths_near(small_case(name="bad"), 1, 5, print)
 
@@ -208,8 +206,7 @@ def test_a_directory_holds_report_numbers_and_ranks(done, tmp_path):
         "figures/structure.svg",
     }
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["data_sets"] == COUNT
-    assert (summary["answer"], summary["verdict"]) == (done.answer, done.verdict)
+    assert (summary["data_sets"], (summary["answer"], summary["verdict"])) == (COUNT, (done.answer, done.verdict))
     assert calibration_lines(done)[:2] == [done.answer, done.verdict]
     assert done.verdict.split(":")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
@@ -219,9 +216,7 @@ def test_the_table_of_ranks_has_a_row_for_every_data_set_failed_or_not():
     found = jb.Calibration("case", "", 1, ("k11", "k12", "k22", DENSITY), sets)
     rows = list(csv.DictReader(io.StringIO(ranks_csv(found))))
     assert [row["status"] for row in rows] == ["done", "done", "failed"]
-    assert int(rows[1]["k22.rank"]) == sets[1].rank[2]
-    assert rows[2]["error"] == 'no, "really"'
-    assert rows[2]["k11.rank"] == ""
+    assert (int(rows[1]["k22.rank"]), rows[2]["error"], rows[2]["k11.rank"]) == (sets[1].rank[2], 'no, "really"', "")
 
 
 def test_a_job_is_sent_without_what_was_computed_from_it():
@@ -258,8 +253,7 @@ def test_what_is_calibrated_is_what_a_run_answers_by(kind, monkeypatch, cheap_ca
     run = jb.sample(case, seed=3)
     assert posterior.problem.premises == run.problem.premises
     (test,), (its,) = posterior.problem.tests, run.problem.tests
-    assert test.noise.sizes == its.noise.sizes
-    assert test.data.modes.numbers == its.data.modes.numbers
+    assert (test.noise.sizes, test.data.modes.numbers) == (its.noise.sizes, its.data.modes.numbers)
     assert (test.data.modes.values != its.data.modes.values).all()
     np.testing.assert_allclose(test.data.modes.values, its.data.modes.values, rtol=0.5)
 

@@ -63,8 +63,7 @@ class TestTable:
         expected["data"]["noise"]["added"] = False
         expected["data"]["outputs"] = ["10:y"]
         expected["title"] = "Joint A"
-        assert tomllib.loads(text) == expected
-        assert tomllib.loads(same.read()[0]) == tomllib.loads(BASE.read_text())
+        assert (tomllib.loads(text), tomllib.loads(same.read()[0])) == (expected, tomllib.loads(BASE.read_text()))
 
     def test_key_serial_and_date_are_the_joints_own(self, tmp_path):
         rows = "key;serial;date;data.truth.k11\na;SN 7;2026-03-31;5e9\n;SN-8;2026-03-31T14:05+02:00;6e9\n\n;;;7e9\n"
@@ -86,8 +85,7 @@ class TestTable:
         (tmp_path / "cases").mkdir()
         (tmp_path / "cases" / "b.toml").write_bytes(BASE.read_bytes())
         (case,) = read_cases([table_of(tmp_path, "case,key\ncases/b.toml,x\n")])
-        assert case.path == tmp_path / "cases" / "b.toml"
-        assert case.read()[1].structure.length_mm == 383.0
+        assert (case.path, case.read()[1].structure.length_mm) == (tmp_path / "cases" / "b.toml", 383.0)
 
     def test_fault_of_a_row_names_table_row_and_column(self, tmp_path):
         rows = "key,structure.length_mm,structure.elements\na,400,10\nb,-1,10\nc,400,ten\n"
@@ -129,8 +127,7 @@ class TestTable:
     def test_many_faults_are_cut_short(self, tmp_path):
         rows = "key,structure.length_mm\n" + "".join(f"a{i},-1\n" for i in range(100))
         lines = fault_of(tmp_path, rows).splitlines()
-        assert len(lines) == 21
-        assert lines[-1] == "there are more faults; these are the first"
+        assert (len(lines), lines[-1]) == (21, "there are more faults; these are the first")
 
     def test_case_files_and_patterns_are_cases_by_their_names(self, tmp_path):
         for name in ("b", "a", "c"):
@@ -169,8 +166,7 @@ ROWS = "key,serial,title\n" + "".join(
 class TestDriver:
     def test_each_case_has_one_row_and_those_that_fail_or_kill_are_named(self, tmp_path):
         index = pretend(tmp_path, ROWS)
-        assert index["key"].tolist() == [f"c{i}" for i in range(7)]
-        assert index["order"].tolist() == list(range(7))
+        assert (index["key"].tolist(), index["order"].tolist()) == ([f"c{i}" for i in range(7)], list(range(7)))
         assert index["status"].tolist() == ["done", "done", "failed", "done", "killed its worker", "done", "done"]
         assert index["error"]["c2"] == "c2: found no start; expected one; correct the case"
         assert index["error"]["c4"] == "its worker ended by SIGKILL"
@@ -191,8 +187,7 @@ class TestDriver:
         ).touch()  # as a worker leaves it that is killed while it writes
         index = pretend(tmp_path, ROWS)
         assert index["status"].tolist() == ["done"] * 4 + ["killed its worker"] + ["done"] * 2
-        assert index["attempts"]["c2"] == 2
-        assert [tries(tmp_path, f"c{i}") for i in range(7)] == [1, 1, 2, 1, 3, 1, 1]
+        assert (index["attempts"]["c2"], [tries(tmp_path, f"c{i}") for i in range(7)]) == (2, [1, 1, 2, 1, 3, 1, 1])
         assert (tmp_path / "out/cases/c0.nc").stat().st_mtime_ns == before
         assert not list((tmp_path / "out/cases").glob(".*"))
         pretend(tmp_path, ROWS, again=True)
@@ -206,8 +201,7 @@ class TestDriver:
             (tmp_path / "out/cases/a.nc").unlink()
         settings = {"seed": 2} if change == "seed" else {"draws": 1000} if change == "draws" else {}
         pretend(tmp_path, rows.replace("a,go", "a,went") if change == "row" else rows, **settings)
-        assert tries(tmp_path, "a") == 2
-        assert tries(tmp_path, "b") == (2 if change in ("seed", "draws") else 1)
+        assert (tries(tmp_path, "a"), tries(tmp_path, "b")) == (2, (2 if change in ("seed", "draws") else 1))
 
     def test_serial_and_order_follow_the_table_without_sampling_again(self, tmp_path):
         pretend(tmp_path, "key,serial,title\na,1,go\nb,2,go\n")

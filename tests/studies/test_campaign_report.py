@@ -143,14 +143,12 @@ def test_cases_are_counted_by_what_became_of_them(summary):
         "do not explain their data": 1,
         "in the population": JOINTS - 3,
     }
-    assert summary["schema_version"] == 1
-    assert summary["campaign"] == "line-7"
+    assert (summary["schema_version"], summary["campaign"]) == (1, "line-7")
 
 
 def test_the_population_holds_the_truth_of_the_joints_it_was_made_of(summary):
     found = summary["population"]
-    assert found["joints"] == JOINTS - 3
-    assert found["parametrisation"] == "log"
+    assert (found["joints"], found["parametrisation"]) == (JOINTS - 3, "log")
     for i, name in enumerate(("k11", "k12")):  # k22 has outliers
         one = found["coordinates"][name]
         assert abs(one["mean"]["median"] - MEAN[i]) < 3 * SCATTER[i] / np.sqrt(JOINTS) * 1.5
@@ -169,8 +167,7 @@ def test_what_is_odd_is_named_the_gravest_first(summary, rows):
     looks = summary["need_a_look"]
     why = {one["key"]: "; ".join(one["reasons"]) for one in looks}
     keys = [one["key"] for one in looks]
-    assert looks[0]["status"] == "killed its worker"
-    assert looks[1]["status"] == "failed"
+    assert (looks[0]["status"], looks[1]["status"]) == ("killed its worker", "failed")
     assert "found no record of 11:y" in why[keys[1]]
     assert "R̂ 1.08" in why[rows[JOINTS // 5]["key"]]
     assert "k22 is an outlier, low" in why[rows[JOINTS // 2]["key"]]
@@ -229,8 +226,7 @@ def test_the_ranking_counts_joints_from_the_softest_up(findings):
     for table, quantity in zip(tables, findings.joints.quantities, strict=True):
         order = np.argsort(quantity.shrunken[:, 1])
         places = [int(row[0]) for row in table.rows]
-        assert places == sorted(places)
-        assert (places[0], places[-1]) == (1, len(order))
+        assert (places, (places[0], places[-1])) == (sorted(places), (1, len(order)))
         labels = [findings.joints.draws.rows[order[place - 1]].label for place in places]
         assert [row[1] for row in table.rows] == list(map(foreign, labels))
 
@@ -246,8 +242,7 @@ def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
     monkeypatch.setattr("jointbayes.report.run_directory.render_pdf", fails)
     with pytest.raises(RuntimeError):
         write_campaign_report(copy)
-    assert (copy / "report.html").read_bytes() == before
-    assert {file.name for file in copy.iterdir()} == FILES
+    assert ((copy / "report.html").read_bytes(), {file.name for file in copy.iterdir()}) == (before, FILES)
 
 
 @pytest.mark.usefixtures("blank_charts")
@@ -302,8 +297,7 @@ def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_n
         ("16.8", "12.5 to 63.3", "MN/m", "not identified"),
         ("–", "above 22.0", "MN/m", "bounded below"),
     ]
-    assert table.rows[5][-1] == NO_VALID_VALUE
-    assert len(table.rows) == 8
+    assert (table.rows[5][-1], len(table.rows)) == (NO_VALID_VALUE, 8)
     assert OTHER_KIND in blocks[-1].text
     assert "found 0. Left out 4 cases" in blocks[-1].text
     lines = list(csv.DictReader(joints_csv(findings).splitlines()))
@@ -350,8 +344,7 @@ def test_posteriors_that_cannot_be_read_are_named(tmp_path):
     rows[4]["file"] = "../outside.nc"
     write_index(tmp_path, rows)
     findings = examine_campaign(tmp_path)
-    assert set(findings.left_out) == {row["key"] for row in rows[:5]}
-    assert findings.counts["in the population"] == 3
+    assert (set(findings.left_out), findings.counts["in the population"]) == ({row["key"] for row in rows[:5]}, 3)
     assert all("cannot be read" in look.reasons[0] for look in findings.look if look.gravity == 2)
 
 

@@ -245,8 +245,7 @@ def test_the_same_seed_gives_the_same_population(toy):
 
 def test_priors_of_joints_make_the_prior_of_the_population():
     prior = PopulationPrior.from_joints([[1.0, 5.0], [3.0, 5.0]], [[2.0, 1.0], [2.0, 1.0]])
-    assert prior.mean.tolist() == [2.0, 5.0]
-    assert prior.sd == pytest.approx([np.sqrt(5.0), 1.0])
+    assert (prior.mean.tolist(), prior.sd) == ([2.0, 5.0], pytest.approx([np.sqrt(5.0), 1.0]))
     assert prior.scale == pytest.approx(prior.sd)
 
 

@@ -15,8 +15,7 @@ def test_lines_read_back_as_they_were_and_dates_as_text(tmp_path):
     append_line(tmp_path / "lines", {"a": [1.5, None], "name": "ü\udc9b\n"})
     append_line(tmp_path / "lines", {"day": datetime.datetime(2026, 3, 31, 14, 5)})
     first, second, end = read_lines(tmp_path / "lines")
-    assert first == {"a": [1.5, None], "name": "ü\udc9b\n"}
-    assert second == {"day": "2026-03-31T14:05:00"}
+    assert (first, second) == ({"a": [1.5, None], "name": "ü\udc9b\n"}, {"day": "2026-03-31T14:05:00"})
     assert end is None
 
 

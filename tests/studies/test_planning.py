@@ -163,8 +163,7 @@ def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap
 
 def test_sets_are_all_there_are_or_grown_one_by_one():
     names = ("a", "b", "c")
-    assert sets_of(names, 2, len) == (("a", "b"), ("a", "c"), ("b", "c"))
-    assert sets_of(names, 9, len) == (names,)
+    assert (sets_of(names, 2, len), sets_of(names, 9, len)) == ((("a", "b"), ("a", "c"), ("b", "c")), (names,))
     many = tuple(str(i) for i in range(60))
     assert sets_of(many, 4, lambda one: -sum(map(int, one))) == (("59", "58", "57", "56"),)
 
@@ -252,8 +251,7 @@ def test_an_accelerometer_with_mass_loads_the_structure_and_a_hammer_does_not():
     loaded, bare = (p.at(dofs, top).nominal for p in (by_name["3:y"].structure, case.problem.test.structure))
     added = loaded.mass - bare.mass
     at = bare.index(("3:y",))[0]
-    assert added[at, at] == pytest.approx(0.020)
-    assert (np.abs(added) > 1e-12).sum() == 1
+    assert (added[at, at], (np.abs(added) > 1e-12).sum()) == (pytest.approx(0.020), 1)
     assert by_name["hammer 3:y"].structure is case.problem.test.structure
 
 
@@ -413,8 +411,7 @@ def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
         ("a",): simulated(0.1, 0.2, 0.3), ("b",): simulated(0.25, 0.4, 0.5), ("c",): simulated(0.4, 0.5, 0.6),
         ("d",): simulated(None, None, 0.01),
     }  # fmt: skip
-    assert could_come_first(found) == [("a",), ("b",)]
-    assert could_come_first({("d",): simulated(None, 0.1)}) == []
+    assert (could_come_first(found), could_come_first({("d",): simulated(None, 0.1)})) == ([("a",), ("b",)], [])
 
 
 def test_the_best_simulated_comes_first_and_what_was_only_looked_at_last():
@@ -442,8 +439,7 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert [now.done for now in told if now.stage == "simulating"] == list(range(1, 25))
     assert set(plan.sentences) <= set(plan_lines(plan))
     report = build_plan_report(summary, plan.tested)
-    assert report.lead[0].text == plan.sentence
-    assert report.lead[0].kind == "good"
+    assert (report.lead[0].text, report.lead[0].kind) == (plan.sentence, "good")
     assert [block.text for block in report.lead[1:-2]] == list(plan.notes)
     assert [block.identifier for block in report.lead[-2:]] == ["structure", "plan"]
     assert plan_lines(plan)[: len(plan.sentences)] == list(plan.sentences)

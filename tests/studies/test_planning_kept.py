@@ -64,10 +64,8 @@ def test_a_plan_that_was_interrupted_goes_on_and_is_the_same(cheap_posterior, ma
     file.write_bytes(file.read_bytes()[:-9])  # as of a process killed while it wrote: that one is made again
     told = []
     assert few(cheap_posterior, tmp_path, progress=told.append).summary() == whole
-    assert made == all_made[:7] + all_made[6:]
-    assert str(told[0]) == "going on: 6 simulations are kept"
-    assert few(cheap_posterior, tmp_path).summary() == whole
-    assert len(made) == len(all_made) + 1
+    assert (made, str(told[0])) == (all_made[:7] + all_made[6:], "going on: 6 simulations are kept")
+    assert (few(cheap_posterior, tmp_path).summary(), len(made)) == (whole, len(all_made) + 1)
 
 
 @pytest.mark.whole
@@ -107,8 +105,7 @@ def test_simulations_of_other_draws_are_passed_over(tmp_path):
     again, other = (KeptSimulations(tmp_path / KEPT, {"seed": "1"}) for _ in range(2))
     again.take("these")
     other.take("others")
-    assert again.done == {(("3:y", "5:rz"), 4): WANTED, (("3:y",), 0): None}
-    assert other.done == {}
+    assert (again.done, other.done) == ({(("3:y", "5:rz"), 4): WANTED, (("3:y",), 0): None}, {})
 
 
 @pytest.mark.parametrize(
@@ -142,8 +139,7 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
     outcome = make_plan.simulate_first(simulator, dict.fromkeys("abcd"), names, kept, 2, 5, told.append)
     # 7 of the first two truths and 9 that may follow, 10 s each
     assert str(told[0]) == "simulating: 1 of 16 measurements, last of a, about 2 min left"
-    assert [told[i].left_seconds for i in (0, 6, -1)] == [150.0, 90.0, 0.0]
-    assert told[-1].done == 16
+    assert ([told[i].left_seconds for i in (0, 6, -1)], told[-1].done) == ([150.0, 90.0, 0.0], 16)
     assert sorted(len(one.posteriors) for one in outcome.values()) == [2, 5, 5, 5]
 
 

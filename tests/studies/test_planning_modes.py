@@ -42,16 +42,14 @@ def named(text):
 
 def test_hitting_the_structure_free_is_a_candidate_where_its_material_is_uncertain():
     free = named(BASE + MATERIAL + PLAN)["free"]
-    assert free.words == "the structure hit free, before it is joined"
-    assert free.joint == Joints(())
+    assert (free.words, free.joint) == ("the structure hit free, before it is joined", Joints(()))
     assert "free" not in named(BASE + PLAN)
     assert "free" not in named(
         BASE + MATERIAL + "length_offset = {sd_mm = 1.9}\n" + PLAN
     )  # the bar goes on in the clamp
     assert "free" not in named(BASE.replace("383.0", '383.0\nsupports = ["11:rz"]') + MATERIAL + PLAN)
     proposed = named(BASE + MATERIAL + PLAN + "[plan.tests.hung]\njoined = false\n")
-    assert list(proposed) == ["2:y", "6:y", "4 × averages", "hung"]
-    assert proposed["hung"].joint == Joints(())
+    assert (list(proposed), proposed["hung"].joint) == (["2:y", "6:y", "4 × averages", "hung"], Joints(()))
     made = named(TWO + PLAN)
     assert list(made) == ["clamped 2:y", "clamped 6:y", "clamped 4 × averages"]
 
@@ -94,8 +92,7 @@ def test_a_sensor_that_is_there_already_is_none_and_its_reference_is_that_of_all
     shown = 'shapes = {dofs = ["6:y"], reference = "9:y", components = [[0.6], [-1.2], [0.9]], sd = 0.02}\n'
     text = edited(FREQUENCIES, ('"natural_frequencies"', '"modes"'), ("sd_hz = 0.0\n", shown))
     candidates = named(text + PLAN)
-    assert list(candidates) == ["2:y", "free"]
-    assert candidates["2:y"].reference == "9:y"
+    assert (list(candidates), candidates["2:y"].reference) == (["2:y", "free"], "9:y")
 
 
 def test_what_the_body_left_uncertain_is_what_the_candidates_take_out():

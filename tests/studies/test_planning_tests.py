@@ -135,8 +135,7 @@ def test_a_case_proposes_tests_with_what_is_different_and_what_is_their_own():
     by_name = {one.name: one for one in candidates_of(case)}
     assert list(by_name) == ["3:y", "4 × averages", "short", "heavy"]
     short, heavy = by_name["short"], by_name["heavy"]
-    assert short.words == "the test short (length_mm = 200.0)"
-    assert (short.position, short.test) == ("200 mm", "short")
+    assert (short.words, (short.position, short.test)) == ("the test short (length_mm = 200.0)", ("200 mm", "short"))
     assert [(one.name, one.nominal, one.prior.sd) for one in short.own_nuisances] == [
         ("short.length", 200.0, 0.1 / 200)
     ]

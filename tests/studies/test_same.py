@@ -134,8 +134,7 @@ def test_exit_codes_say_what_was_found(files, monkeypatch, wish, code):
 @pytest.mark.parametrize("given", ["none.toml", "none"])
 def test_what_is_not_there_is_bad_input(files, given):
     result = cli("same", given, files[0])
-    assert result.exit_code == 2
-    assert len(result.output.strip().splitlines()[-1:]) == 1
+    assert (result.exit_code, len(result.output.strip().splitlines()[-1:])) == (2, 1)
     assert "no such file" in result.output
 
 

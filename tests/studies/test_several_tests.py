@@ -108,8 +108,7 @@ def test_where_a_test_cannot_be_simulated_no_file_is_written(tmp_path, last, key
 def test_hypotheses_are_those_of_every_test():
     problem = case_of(TWO).problem
     springs = hypothesis_problem(problem, "springs")
-    assert [part.test.name for part in springs.parts] == ["long", "short"]
-    assert len(springs.names) == 2
+    assert ([part.test.name for part in springs.parts], len(springs.names)) == (["long", "short"], 2)
     own = hypothesis_problem(case_of(TORQUES, OWN).problem, "springs")
     assert len(own.names) == 6
     for one in (springs, own):
@@ -166,8 +165,7 @@ def test_a_campaign_of_cases_with_tests_samples_each_as_by_itself_and_has_a_popu
     assert again.brief()["k22.median"] == done.index.loc["b"]["k22.median"]
     assert_array_equal(again.with_fewer_draws(4000).theta, posterior.theta)
     findings = examine_campaign(tmp_path / "out")
-    assert findings.left_out == {}
-    assert findings.counts["in the population"] == 3
+    assert (findings.left_out, findings.counts["in the population"]) == ({}, 3)
 
 
 def test_a_fault_in_a_test_of_a_campaign_names_row_and_column(tmp_path):
@@ -196,8 +194,7 @@ def test_cases_whose_tests_have_joints_of_their_own_say_why_they_are_in_no_popul
     rows = [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")]
     write_index(tmp_path, rows)
     draws, left_out = read_draws(tmp_path, read_index(tmp_path))
-    assert [row.key for row in draws.rows] == ["shared"]
-    assert left_out == {"own": OTHER_KIND}
+    assert ([row.key for row in draws.rows], left_out) == (["shared"], {"own": OTHER_KIND})
 
 
 def test_published_values_are_those_of_joints_that_tests_share():

@@ -73,8 +73,7 @@ def test_tasks_are_taken_only_as_workers_come_free():
 
 def test_task_whose_worker_dies_is_done_again_and_one_that_kills_three_is_set_aside_by_name(tmp_path):
     found = by_key(run_tasks(kill_some, numbered(12, str(tmp_path), (3, 7), (5,)), workers=2))
-    assert len(found) == 12
-    assert {key for key, o in found.items() if o.killed_worker} == {"task 5"}
+    assert (len(found), {key for key, o in found.items() if o.killed_worker}) == (12, {"task 5"})
     assert found["task 5"].error == "its worker ended by SIGKILL"
     assert found["task 5"].value is None
     again = {key: o.attempts for key, o in found.items() if o.attempts > 1}
