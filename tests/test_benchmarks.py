@@ -24,7 +24,6 @@ from benchmarks.samplers import emcee_rows, extrapolated, row
 
 import jointbayes as jb
 from jointbayes.inference import LogPosterior
-from jointbayes.structure import Structure
 
 pytestmark = pytest.mark.docs
 
@@ -274,5 +273,5 @@ def test_cases_of_few_frequencies_are_cases_whose_density_takes_no_eigensolution
     problem = jb.case_from_text("small", small_data.CASES[name]).problem
     theta = problem.prior.sample(np.random.default_rng(1), 2000)
     problem.log_posterior(theta[:1])
-    monkeypatch.setattr(Structure, "modes", lambda _: pytest.fail("solved anew"))
+    monkeypatch.setattr(jb.Structure, "modes", lambda _: pytest.fail("solved anew"))
     assert np.isfinite(problem.log_posterior(theta)).all()

@@ -8,7 +8,6 @@ import pytest
 from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
 
 import jointbayes as jb
-from jointbayes.frf import Ports
 from jointbayes.studies.data_sets import simulated_problem
 from vibrecords.formats import iter_records, write_frf
 
@@ -128,7 +127,7 @@ def test_a_tool_of_beams_in_a_meshed_holder_has_the_frfs_of_matrices_and_an_exac
 
     monkeypatch.setattr(solid_data, "NOISE", 0.0)
     exact, problem = solid_data.with_tool(every=40), jb.load_case(numbers.CONFIGS / "solid_holder.toml").problem
-    ports = Ports(exact.frequency_hz, ("tool.tip:y", "back:y"), ("tool.tip:y",))
+    ports = jb.Ports(exact.frequency_hz, ("tool.tip:y", "back:y"), ("tool.tip:y",))
     theta = np.atleast_2d(problem.parametrisation.coordinates(solid_data.TAPER))
     factors = problem.structural(problem.prior.factors(theta))
     (found,) = problem.test.receptance_model(ports).receptance(problem.prior.matrix(theta), factors)

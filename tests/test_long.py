@@ -8,7 +8,6 @@ import pytest
 from benchmarks.long import LIMITS, Held, excess, growth, watch
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
 from tests.conftest import FEW_STEPS, cheap_text
 
 pytestmark = pytest.mark.docs
@@ -58,7 +57,7 @@ def test_posteriors_one_after_the_other_leave_nothing_behind(tmp_path, monkeypat
     text = cheap_text()
 
     def work(seed):
-        posterior = jb.sample(case_from_text("cheap", text), seed=seed, settings=FEW_STEPS)
+        posterior = jb.sample(jb.case_from_text("cheap", text), seed=seed, settings=FEW_STEPS)
         posterior.brief()
         posterior.with_fewer_draws(1000).save(tmp_path / "posterior.nc")
 

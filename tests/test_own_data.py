@@ -9,7 +9,6 @@ import pytest
 from benchmarks.size import ROOT
 
 import jointbayes as jb
-from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.frf import DirectSolve, Ports, receptance_model
 from jointbayes.inference import GaussianLikelihood, JointPrior, Uniform, likelihood_of
 from jointbayes.report import compared_section
@@ -137,7 +136,7 @@ def test_a_misfit_of_data_of_ones_own_is_told(problem):
 def test_a_file_says_that_it_cannot_hold_data_of_ones_own_and_takes_the_problem(posterior, tmp_path):
     path = tmp_path / "posterior.nc"
     posterior.save(path)
-    with pytest.raises(ModelError, match=r"problem\.tests\[0\]\.data \(StaticDeflections\).*problem=") as refused:
+    with pytest.raises(jb.ModelError, match=r"problem\.tests\[0\]\.data \(StaticDeflections\).*problem=") as refused:
         jb.load_posterior(path)
     assert "\n" not in str(refused.value)
     again = jb.load_posterior(path, problem=posterior.problem)
@@ -168,7 +167,7 @@ def test_data_of_ones_own_stand_beside_frfs_and_are_simulated_for_a_calibration(
 
 def test_data_of_ones_own_that_are_measured_elsewhere_do_not_stand_for_these(problem):
     there = problem.with_test(data=replace(problem.test.data, outputs=("1:y", "1:rz", "4:y")))
-    refused(lambda: require_simulable(problem, there), MeasurementError, "other DOFs")
+    refused(lambda: require_simulable(problem, there), jb.MeasurementError, "other DOFs")
 
 
 def test_data_without_a_likelihood_are_refused(problem):
@@ -176,7 +175,7 @@ def test_data_without_a_likelihood_are_refused(problem):
         pass
 
     assert likelihood_of.dispatch(Unknown) is static_likelihood  # of its parent
-    with pytest.raises(ModelError, match=r"likelihood_of\.register"):
+    with pytest.raises(jb.ModelError, match=r"likelihood_of\.register"):
         likelihood_of.dispatch(Data)(problem.test.data, problem.test)
 
 

@@ -21,7 +21,6 @@ from jointbayes.structure import PointMass, Rayleigh, ViscousMatrix
 from tests.conftest import cheap_text
 from vibrecords.formats import iter_records
 from vibrecords.records import FrfRecord, TimeRecord
-from vibrecords.variance import coherence_variance
 
 EXAMPLES = int(os.environ.get("JOINTBAYES_EXAMPLES", "60"))  # of each test; `make science` takes more
 ANY = st.one_of(
@@ -198,7 +197,7 @@ def test_any_arrays_are_a_record_or_an_error(lines, values, coherence):
 def test_coherence_variance_is_positive_or_an_error(coherence, averages):
     frf = made(jb.FrfSet, [10.0, 20.0], np.ones((2, 1, 1)), ["2:y"], ["2:y"], "receptance", coherence, averages)
     if frf is not None:
-        variance = made(coherence_variance, frf)
+        variance = made(jb.coherence_variance, frf)
         assert variance is None or (np.isfinite(variance).all() and (variance >= 0).all())
 
 

@@ -13,23 +13,19 @@ import pytest
 from scipy import sparse, stats
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, PlainSprings, Rigid, SignedCoupling
 from jointbayes.posterior.storage import problem_from
-from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, Structure
 from jointbayes.workflow import _on_one_hill, _with_best_draw
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited
 from tests.euler_beam import euler_beam
 from tests.inference import test_assemblies, test_free_test, test_several_tests
 from tests.one_line import refused
-from vibrecords import FrequencyData, FrfData
 
 LINES = np.arange(20.0, 1500.0, 10.0)
 TRUTH = np.array([2e7, 5e5, 2e4])
 LOSS = 0.01
-QUICK = SamplerSettings(walkers=16, max_steps=400, end_tolerance=0.1, tau_factor=10, r_hat_max=1.1)
+QUICK = jb.SamplerSettings(walkers=16, max_steps=400, end_tolerance=0.1, tau_factor=10, r_hat_max=1.1)
 
 
 LABELS = tuple(f"{node}:{way}" for node in range(1, 8) for way in ("y", "rz"))
@@ -54,14 +50,14 @@ def measured():
     exact = receptances(*TRUTH)
     sd = 0.02 * np.abs(exact) + 0.005 * np.median(np.abs(exact))
     noise = sd * (rng.normal(size=exact.shape) + 1j * rng.normal(size=exact.shape)) / np.sqrt(2)
-    return FrfData(jb.FrfSet(LINES, exact + noise, ("7:y", "4:y"), ("7:y",)), sd**2)
+    return jb.FrfData(jb.FrfSet(LINES, exact + noise, ("7:y", "4:y"), ("7:y",)), sd**2)
 
 
 def from_arrays(marginals=None, **changes):
     stiffness, mass = square_rod()
     wide = tuple(Uniform.of_logarithm(1e-2 * k, 1e2 * k) for k in TRUTH)
     parts = {
-        "structure": Structure(stiffness, mass, LossFactor(LOSS), LABELS),
+        "structure": jb.Structure(stiffness, mass, jb.LossFactor(LOSS), LABELS),
         "joint": Joint(("1:y", "1:rz")),
         "data": measured(),
         "prior": JointPrior(LogStiffness(), marginals or wide),
@@ -95,7 +91,7 @@ def test_draws_are_asked_by_name(sampled):
     np.testing.assert_array_equal(draws, sampled.values("k22"))
     assert list(sampled) == ["k11", "k12", "k22"]
     assert ("k22" in sampled, "k33" in sampled, "ensemble" in sampled) == (True, False, False)
-    refused(lambda: sampled["k33"], ModelError, r"found parameter 'k33'; expected one of k11, k12, k22$")
+    refused(lambda: sampled["k33"], jb.ModelError, r"found parameter 'k33'; expected one of k11, k12, k22$")
 
 
 def test_the_likelihood_is_asked_in_the_coordinates_of_the_posterior():
@@ -106,7 +102,7 @@ def test_the_likelihood_is_asked_in_the_coordinates_of_the_posterior():
     np.testing.assert_allclose(found[:5] + problem.prior.log_density(inside), problem.log_posterior(inside))
     assert np.isneginf(found[5])
     assert problem.log_likelihood(theta[0]).shape == (1,)
-    refused(lambda: problem.log_likelihood(inside[:, :2]), ModelError, "θ: found shape (5, 2); expected (n, 3)")
+    refused(lambda: problem.log_likelihood(inside[:, :2]), jb.ModelError, "θ: found shape (5, 2); expected (n, 3)")
 
 
 @pytest.mark.parametrize(("initial", "theta"), [(TRUTH, np.log(TRUTH)), ([1e7, 0.0, 0.0], None), (None, None)])
@@ -119,9 +115,9 @@ def test_a_first_guess_in_coordinates_is_where_a_sampler_can_begin(initial, thet
 
 def test_lists_and_sparse_matrices_serve_as_well_and_stay_as_they_are():
     stiffness, mass = square_rod()
-    law = LossFactor(LOSS)
-    listed = Structure(stiffness.tolist(), sparse.csc_matrix(mass), law, list(LABELS))
-    given = Structure(stiffness, mass, law, LABELS)
+    law = jb.LossFactor(LOSS)
+    listed = jb.Structure(stiffness.tolist(), sparse.csc_matrix(mass), law, list(LABELS))
+    given = jb.Structure(stiffness, mass, law, LABELS)
     stiffness[0, 0] += 1.0  # the structure has its own copy, which nobody can change
     theta = np.log(TRUTH)
     density = [
@@ -149,7 +145,7 @@ def test_a_first_guess_is_the_middle_of_the_prior_unless_one_is_given():
     far = (Uniform.of_logarithm(1e6, 1e8), Uniform.of_logarithm(1e8, 1e12), Uniform.of_logarithm(1e3, 1e5))
     np.testing.assert_allclose(from_arrays(far).first_guess, [1e7, 0.0, 1e4], rtol=1e-12)
     np.testing.assert_array_equal(from_arrays(initial=[1e6, 0.0, 1e4]).first_guess, [1e6, 0.0, 1e4])
-    refused(lambda: from_arrays(initial=[1.0, 2.0, 1.0]), ModelError, "positive")
+    refused(lambda: from_arrays(initial=[1.0, 2.0, 1.0]), jb.ModelError, "positive")
 
 
 def test_the_papers_iteration_runs_on_a_problem_with_frfs_at_the_joint():
@@ -164,8 +160,8 @@ def test_the_papers_iteration_runs_on_a_problem_with_frfs_at_the_joint():
 
 def beam_with_uncertain_quantities():
     """Everything that a problem may hold at once, but the parts that no file can hold."""
-    recipe = BeamRecipe(
-        0.4, Section.rectangle(0.02, 0.02), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01, 0.02)),
+    recipe = jb.BeamRecipe(
+        0.4, jb.Section.rectangle(0.02, 0.02), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.ModalDamping((0.01, 0.02)),
         accelerometer_mass=0.004, accelerometer_dofs=("11:y",),
     )  # fmt: skip
     nuisances = (
@@ -175,7 +171,7 @@ def beam_with_uncertain_quantities():
     )
     ranges = {n.name: n.range for n in nuisances[:2]}
     frf = measured().frf
-    data = FrfData(
+    data = jb.FrfData(
         jb.FrfSet(
             LINES, frf.values[:, :1], ("11:y",), ("11:y",), coherence=np.full((LINES.size, 1, 1), 0.9), averages=8
         ),
@@ -184,7 +180,7 @@ def beam_with_uncertain_quantities():
     marginals = Normal(17.0, 1.0), stats.t(4, loc=10.0, scale=0.8), Uniform(-0.9, 0.9)
     prior = JointPrior(SignedCoupling(), marginals, nuisances)
     return Problem(
-        structure=BeamFamily(recipe, ranges),
+        structure=jb.BeamFamily(recipe, ranges),
         joint=Joint(("1:y", "1:rz")),
         data=data,
         prior=prior,
@@ -197,7 +193,9 @@ PROBLEMS = {
     "matrices": from_arrays,
     "uncertain beam": beam_with_uncertain_quantities,
     "two sides": lambda: from_arrays(joint=Joint(("1:y", "1:rz"), ("2:y", "2:rz"))),
-    "frequencies": lambda: from_arrays(data=FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))),
+    "frequencies": lambda: from_arrays(
+        data=jb.FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))
+    ),
     "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
     "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
     "tests": lambda: Problem(tests=[test_several_tests.LONG, test_several_tests.HEARD], prior=test_several_tests.PRIOR),
@@ -333,7 +331,7 @@ class Triangle:
 
 def one_spring(prior, extra=None):
     """One coordinate, so that a grid gives the posterior; the data are three natural frequencies, roughly measured."""
-    data = FrequencyData(np.array([78.0]), np.array([4.0]))
+    data = jb.FrequencyData(np.array([78.0]), np.array([4.0]))
     return from_arrays(data=data, prior=JointPrior(PlainSprings(("k22",)), (prior,)), extra_log_likelihood=extra)
 
 
@@ -362,7 +360,7 @@ def test_own_priors_and_terms_act_on_draws_and_map_as_on_a_grid(kind):
     theta, density = on_grid(prior, extra)
     estimate = jb.find_map(problem)
     assert estimate.theta[0] == pytest.approx(theta[np.argmax(density)], abs=2e-3)
-    posterior = jb.sample(problem, seed=2, settings=SamplerSettings(walkers=32, max_steps=2000))
+    posterior = jb.sample(problem, seed=2, settings=jb.SamplerSettings(walkers=32, max_steps=2000))
     assert posterior.converged
     mean = theta @ density
     sd = np.sqrt((theta - mean) ** 2 @ density)
@@ -386,7 +384,9 @@ def test_an_own_prior_has_quantiles_that_fit_its_density(given):
 
 def test_a_summary_of_springs_held_rigid_is_refused_in_one_line(sampled):
     problem = PROBLEMS["springs"]()
-    with pytest.raises(ModelError, match="found k11 held rigid; expected a joint whose stiffnesses are all uncertain"):
+    with pytest.raises(
+        jb.ModelError, match="found k11 held rigid; expected a joint whose stiffnesses are all uncertain"
+    ):
         posterior_of(problem, sampled).summary()
 
 
@@ -396,16 +396,16 @@ def test_parts_that_no_file_can_hold_are_named_and_asked_for(sampled, tmp_path):
     path = tmp_path / "kept.nc"
     posterior_of(problem, sampled).save(path)
     with pytest.raises(
-        ModelError, match=r"problem.prior.marginals\[0\].given \(Triangle\).*problem.extra_log_likelihood"
+        jb.ModelError, match=r"problem.prior.marginals\[0\].given \(Triangle\).*problem.extra_log_likelihood"
     ):
         jb.load_posterior(path)
     assert jb.load_posterior(path, problem=problem).problem is problem
     other = dataclasses.replace(problem, extra_log_likelihood=lambda theta: -2 * theta[:, 0])
-    refused(lambda: jb.load_posterior(path, problem=other), ModelError, "found draws of another density")
+    refused(lambda: jb.load_posterior(path, problem=other), jb.ModelError, "found draws of another density")
     data = dataclasses.replace(problem.test.data, variance=2 * problem.test.data.variance)
-    with pytest.raises(ModelError, match=r"of another problem .*: other numbers in its arrays"):
+    with pytest.raises(jb.ModelError, match=r"of another problem .*: other numbers in its arrays"):
         jb.load_posterior(path, problem=problem.with_test(data=data))
-    with pytest.raises(ModelError, match=r"of another problem .*: other joint"):
+    with pytest.raises(jb.ModelError, match=r"of another problem .*: other joint"):
         jb.load_posterior(path, problem=problem.with_test(joints=Joint(("2:y", "2:rz"))))
 
 
@@ -451,7 +451,7 @@ def test_what_is_passed_in_another_form_is_told_in_one_line(call, said):
 
 
 def test_natural_frequencies_of_a_matrix_are_refused_with_the_names_of_the_quantities(cheap_case):
-    with pytest.raises(ModelError, match="expected the joint's quantities along its last axis: k11, k12, k22"):
+    with pytest.raises(jb.ModelError, match="expected the joint's quantities along its last axis: k11, k12, k22"):
         cheap_case.problem.natural_frequencies_hz(np.eye(2), 3)
 
 

@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jointbayes.case.case import Case, load_case
-from jointbayes.frf import Substructures
+import jointbayes as jb
 from jointbayes.inference import LogPosterior
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import edited
 from tests.frf.test_measured_body import LINES, frfs_of, spindle
 from vibrecords import FrfSet, MeasuredFile
-from vibrecords.formats import write_frf
 
 TEXT = case_text_named("measured_spindle")
 
@@ -23,9 +21,9 @@ def write_measurements(folder: Path) -> None:
     body = frfs_of(spindle(), ("s5:y", "s4:y"), "accelerance")
     turned = body.values * np.array([[1.0, -1.0], [-1.0, 1.0]])  # the sensor at the back points down
     labels = ("5:y", "4:y")
-    write_frf(FrfSet(LINES, turned, labels, labels, "accelerance"), folder / "spindle.uff", "uff58")
+    jb.write_frf(FrfSet(LINES, turned, labels, labels, "accelerance"), folder / "spindle.uff", "uff58")
     tip = FrfSet(LINES, np.ones((len(LINES), 1, 1)) * (1e-3 + 1e-4j), ("7:y",), ("7:y",), "accelerance")
-    write_frf(tip, folder / "tip.uff", "uff58")
+    jb.write_frf(tip, folder / "tip.uff", "uff58")
 
 
 @pytest.fixture(scope="module")
@@ -35,15 +33,15 @@ def directory(tmp_path_factory) -> Path:
     return folder
 
 
-def case_of(directory: Path, *changes: tuple[str, str]) -> Case:
+def case_of(directory: Path, *changes: tuple[str, str]) -> jb.Case:
     path = directory / "case.toml"
     path.write_text(edited(TEXT, *changes), encoding="utf-8")
-    return load_case(path)
+    return jb.load_case(path)
 
 
 def test_a_body_is_read_through_its_channels_and_rotations(directory):
     case = case_of(directory)
-    assert isinstance(case.problem.test.structure, Substructures)
+    assert isinstance(case.problem.test.structure, jb.Substructures)
     assert isinstance(case.problem.log_posterior, LogPosterior)
     (body,) = case.problem.test.measured_bodies
     assert (body.name, body.dofs) == ("spindle", ("nose:y", "nose:rz"))
@@ -74,5 +72,5 @@ def test_a_sensor_off_the_joint_is_stated_by_the_joints_offset(directory):
     assert moved.problem.log_posterior(theta) != here.problem.log_posterior(theta)
     (body,) = here.problem.test.measured_bodies
     link = body.seen_at({"nose:y": {"nose:y": 1.0, "nose:rz": 0.02}, "nose:rz": {"nose:rz": 1.0}})
-    by_hand = here.problem.with_test(structure=Substructures(here.problem.test.structures, (link,)))
+    by_hand = here.problem.with_test(structure=jb.Substructures(here.problem.test.structures, (link,)))
     assert moved.problem.log_posterior(theta) == pytest.approx(by_hand.log_posterior(theta), rel=1e-9)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.spec.structure_tables import RayleighDampingSpec
-from jointbayes.errors import CaseError
-from jointbayes.frf import Ports
+from jointbayes.case.spec.structure_table import RayleighDampingSpec
 from jointbayes.inference import GaussianNoise, IntegratedScale, ScaledNoise, StudentNoise
 from tests.conftest import cheap_text, edited, pair_matrix
 
@@ -56,7 +54,7 @@ def case_of(*changes: tuple[str, str]) -> jb.Case:
 
 def receptance(case: jb.Case, stiffness, dof: str = "5:y", f_hz: float = 0.01) -> complex:
     """Drive-point receptance at one low frequency."""
-    return case.problem.test.receptance_model(Ports(np.array([f_hz]), (dof,), (dof,))).receptance(
+    return case.problem.test.receptance_model(jb.Ports(np.array([f_hz]), (dof,), (dof,))).receptance(
         pair_matrix(stiffness)
     )[0, 0, 0, 0]
 
@@ -115,7 +113,7 @@ def test_a_stated_joint_is_refused_as_soon_as_it_is_not_positive_semidefinite(fa
     if possible:
         assert case_of(*changes).spec.data.truth.k12 == k12
     else:
-        with pytest.raises(CaseError, match=r"data\.truth\.k12: found k11 = .* expected a positive semidefinite"):
+        with pytest.raises(jb.CaseError, match=r"data\.truth\.k12: found k11 = .* expected a positive semidefinite"):
             case_of(*changes)
 
 

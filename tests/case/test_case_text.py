@@ -8,7 +8,6 @@ import pytest
 import jointbayes as jb
 from jointbayes.case.case_text import case_text, read_case_text
 from jointbayes.case.parse import parse_case
-from jointbayes.errors import CaseError
 from tests.case.refusal_rows import parts_named
 
 (BASE,) = parts_named("case_text").values()
@@ -100,7 +99,7 @@ EXTENDS = 'extends = "base.toml"\n'
 ])  # fmt: skip
 def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, case, base, words):
     path = write(tmp_path / "here", case=case, **({"base": base} if base else {}))
-    with pytest.raises(CaseError, match=words) as refused:
+    with pytest.raises(jb.CaseError, match=words) as refused:
         read_case_text(path)
     assert "\n" not in str(refused.value)
 
@@ -137,7 +136,7 @@ file = "nose.uff"
 
 
 def test_a_text_alone_builds_on_no_file():
-    with pytest.raises(CaseError, match=r"x\.toml:1: extends: found a text that is no file"):
+    with pytest.raises(jb.CaseError, match=r"x\.toml:1: extends: found a text that is no file"):
         parse_case('extends = "base.toml"\n', "x.toml")
 
 
@@ -146,7 +145,7 @@ def test_faults_and_warnings_name_the_file_and_line_they_come_from(tmp_path, con
     line = next(i for i, row in enumerate(whole.splitlines(), 1) if row.startswith("length_mm = 383.0"))
     base = whole.replace("length_mm = 383.0", 'length_mm = "383"')
     case = write(tmp_path, base=base, case='extends = "base.toml"\n[structure]\nlenght_mm = 390.0\n')
-    with pytest.raises(CaseError) as refused:
+    with pytest.raises(jb.CaseError) as refused:
         jb.load_case(case)
     own, other = str(refused.value).splitlines()
     assert own.startswith(f"{case}:3: structure.lenght_mm: unknown key")

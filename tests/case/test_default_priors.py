@@ -6,14 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointbayes.case.case import Case, case_from_text, load_case
-from jointbayes.errors import CaseError, ModelError
-from jointbayes.frf import MeasuredBody, Substructures
-from jointbayes.inference import Problem
+import jointbayes as jb
 from jointbayes.inference.default_prior import default_prior
-from jointbayes.joint import Joint
-from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import sample
 from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, edited
 
@@ -22,15 +16,15 @@ MODULUS = 210e9
 UPRIGHT, FLAT = MODULUS * 0.1**3 * 0.005 / 12, MODULUS * 0.005**3 * 0.1 / 12
 
 
-def springs(structure: str, dofs: tuple[str, ...], end: str) -> Case:
+def springs(structure: str, dofs: tuple[str, ...], end: str) -> jb.Case:
     names = [f"k{label.partition(':')[2]}" for label in dofs]
     truth = "".join(f"{name} = {1e3 if 'r' in name else 1e6}\n" for name in names)
     joint = f'[joint]\nkind = "springs"\ndofs = {list(dofs)}\n'.replace("'", '"')
     text = structure + joint + DATA.replace("END", end) + f"[data.truth.stiffness]\n{truth}"
-    return case_from_text("default", text)
+    return jb.case_from_text("default", text)
 
 
-def own(case: Case) -> dict[str, float]:
+def own(case: jb.Case) -> dict[str, float]:
     """The structure's own stiffness as the bounds of each prior have it, and as the first guess has it."""
     found = {}
     guesses = case.problem.initial
@@ -75,7 +69,9 @@ def test_a_frame_is_as_long_as_the_body_is_and_may_be_a_ring():
 
 
 def test_a_short_member_at_the_joint_does_not_make_a_body_stiff():
-    case = case_from_text("stub", 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n', directory=CONFIGS)
+    case = jb.case_from_text(
+        "stub", 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n', directory=CONFIGS
+    )
     prior = dict(zip(case.problem.prior.names, case.problem.prior.marginals, strict=True))
     bending = MODULUS * np.pi * 0.063**4 / 64
     for name, size, truth in (("taper.ky", bending / 0.09**3, 6e8), ("taper.krz", bending / 0.09, 1.2e6)):
@@ -94,29 +90,29 @@ def test_matrices_have_the_stiffness_of_each_dof():
 def test_a_joint_that_names_the_measured_body_first_has_the_default_priors_of_the_modelled_one():
     swapped = SWAPPED + 'against = ["holder.flange:y", "holder.flange:rz"]\n'
     usual = 'extends = "spindle_measured.toml"\nremove = ["joints.taper.prior"]\n'
-    first, second = (case_from_text("first", text, directory=CONFIGS).problem for text in (swapped, usual))
+    first, second = (jb.case_from_text("first", text, directory=CONFIGS).problem for text in (swapped, usual))
     assert first.prior.marginals == second.prior.marginals
     np.testing.assert_array_equal(first.initial, second.initial)
 
 
 def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it():
-    with pytest.raises(CaseError, match=r"joints\.taper\.prior: found no prior; expected one for a joint") as caught:
-        case_from_text("ground", SWAPPED, directory=CONFIGS)
+    with pytest.raises(jb.CaseError, match=r"joints\.taper\.prior: found no prior; expected one for a joint") as caught:
+        jb.case_from_text("ground", SWAPPED, directory=CONFIGS)
     assert "\n" not in str(caught.value)
     stated = "[joints.taper.prior]\n" + "".join(
         f'{name} = {{ distribution = "log_uniform", low = {low}, high = {high} }}\n'
         for name, low, high in (("ky", 1e6, 1e10), ("krz", 1e4, 1e8))
     )
-    problem = case_from_text("ground", SWAPPED + stated, directory=CONFIGS).problem
+    problem = jb.case_from_text("ground", SWAPPED + stated, directory=CONFIGS).problem
     assert problem.initial[:2] == pytest.approx([1e8, 1e6])
 
 
-def hung(coupling: float, joint: float) -> Case:
+def hung(coupling: float, joint: float) -> jb.Case:
     """Two masses on a joint, with the natural frequencies that they have."""
     stiffness, mass = np.array([[joint + coupling, -coupling], [-coupling, coupling]]), np.diag([50.0, 15.0])
     first, second = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)) / (2 * np.pi)
     text = CHAIN.replace("COUPLING", str(coupling)).replace("FIRST", str(first)).replace("SECOND", str(second))
-    return case_from_text("hung", text)
+    return jb.case_from_text("hung", text)
 
 
 @pytest.mark.parametrize("coupling", [8e3, 1e6, 1e9])
@@ -136,7 +132,7 @@ def test_a_mass_that_nothing_holds_takes_its_range_from_the_measured_frequency()
     between = '{ between = ["1", "2"], stiffness_n_per_m = 8000.0 }'
     text = edited(hung(8e3, 2e3).text, (between, ""), ("1 = 50.0, ", ""), ("1:x", "2:x"))
     text = re.sub(r"frequencies_hz = .*", "frequencies_hz = [1.8]", text)
-    problem = case_from_text("loose", text).problem
+    problem = jb.case_from_text("loose", text).problem
     low, high = np.exp(problem.prior.marginals[0].support)
     spring = 15.0 * (2 * np.pi * problem.test.data.frequency_hz[0]) ** 2
     assert (low, high) == pytest.approx((0.1 * spring, 1e6 * spring))
@@ -145,10 +141,10 @@ def test_a_mass_that_nothing_holds_takes_its_range_from_the_measured_frequency()
 def test_a_case_knows_which_priors_no_one_stated():
     assert hung(8e3, 2e3).default_priors == {"kx"}
     stated = '[prior.kx]\ndistribution = "log_uniform"\nlow = 10.0\nhigh = 1e6\n'
-    assert case_from_text("stated", hung(8e3, 2e3).text + stated).default_priors == frozenset()
+    assert jb.case_from_text("stated", hung(8e3, 2e3).text + stated).default_priors == frozenset()
     stub = 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n'
-    assert case_from_text("stub", stub, directory=CONFIGS).default_priors == {"taper.ky", "taper.krz"}
-    assert load_case(CONFIGS / "spindle_tool.toml").default_priors == frozenset()
+    assert jb.case_from_text("stub", stub, directory=CONFIGS).default_priors == {"taper.ky", "taper.krz"}
+    assert jb.load_case(CONFIGS / "spindle_tool.toml").default_priors == frozenset()
 
 
 @pytest.mark.whole
@@ -156,13 +152,13 @@ def test_a_limit_set_by_a_default_range_is_not_called_the_users():
     """A joint so stiff that the data say no more than that: the upper end of the range is nobody's statement."""
     both = hung(8e3, 5e8)
     first = both.problem.test.data.frequency_hz[0]
-    case = case_from_text("hung", re.sub(r"frequencies_hz = .*", f"frequencies_hz = [{first}]", both.text))
-    posterior = sample(case, settings=SamplerSettings(walkers=16, max_steps=800, end_tolerance=0.2), seed=1)
+    case = jb.case_from_text("hung", re.sub(r"frequencies_hz = .*", f"frequencies_hz = [{first}]", both.text))
+    posterior = jb.sample(case, settings=jb.SamplerSettings(walkers=16, max_steps=800, end_tolerance=0.2), seed=1)
     known = posterior.verdict("kx")
     assert known.verdict == "bounded below"
     assert known.verdict_reason.startswith("the test gives no upper limit, searched up to 8.00 GN/m")
     text = case.text + '[prior.kx]\ndistribution = "log_uniform"\nlow = 800.0\nhigh = 8e9\n'
-    again = replace(posterior, case=case_from_text("stated", text))
+    again = replace(posterior, case=jb.case_from_text("stated", text))
     assert again.verdict("kx").verdict_reason.startswith("the prior's upper bound 8e9 N/m limits it")
 
 
@@ -170,20 +166,20 @@ def test_a_limit_set_by_a_default_range_is_not_called_the_users():
 def test_a_problem_in_python_has_the_default_prior_of_a_case(name):
     text = (CONFIGS / f"{name}.toml").read_text(encoding="utf-8")
     bare = re.sub(r"(?ms)^\[(joints\.\w+\.)?prior(\.\w+)?\].*?(?=^\[|\Z)", "", text)
-    case = case_from_text(name, bare, directory=CONFIGS)
+    case = jb.case_from_text(name, bare, directory=CONFIGS)
     assert case.default_priors == frozenset(case.problem.parametrisation.names)
     found, stated = default_prior([(t.structure, t.joints, t.data) for t in case.problem.tests]), case.problem.prior
     assert (found.names, found.marginals) == (stated.parametrisation.names, stated.marginals)
 
 
 def test_a_problem_without_a_prior_has_it():
-    lone = case_from_text("default", (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")).problem.test
-    problem = Problem(structure=lone.structure, joint=("1:y", "1:rz"), data=lone.data)
+    lone = jb.case_from_text("default", (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")).problem.test
+    problem = jb.Problem(structure=lone.structure, joint=("1:y", "1:rz"), data=lone.data)
     assert problem.prior == default_prior([(lone.structure, lone.joints, lone.data)])
     assert problem.test.joints == lone.joints
     assert np.isfinite(problem.log_posterior(problem.initial_theta)).all()
     lines = lone.data.frf.frequency_hz
-    body = MeasuredBody("held", lines, ("9:w",), np.ones((lines.size, 1, 1)), np.ones((lines.size, 1, 1)))
-    whole = Substructures(lone.structure, (body,))
-    with pytest.raises(ModelError, match=r"found no prior of joint '9:w' between measured bodies; .* pass prior="):
-        Problem(structure=whole, joint=Joint(("9:w",)), data=lone.data)
+    body = jb.MeasuredBody("held", lines, ("9:w",), np.ones((lines.size, 1, 1)), np.ones((lines.size, 1, 1)))
+    whole = jb.Substructures(lone.structure, (body,))
+    with pytest.raises(jb.ModelError, match=r"found no prior of joint '9:w' between measured bodies; .* pass prior="):
+        jb.Problem(structure=whole, joint=jb.Joint(("9:w",)), data=lone.data)

@@ -9,12 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.case.case import Case
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, MeasurementError, ModelError
-from jointbayes.frf import Ports
 from jointbayes.inference import GaussianNoise, StudentNoise
-from jointbayes.sampling import SamplerSettings
 from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, edited, pair_matrix, plain_reports
 from tests.one_line import refused
@@ -22,16 +18,15 @@ from vibrecords import CoherenceNoise, FrfSet, Quantity
 from vibrecords.formats import FORMATS, read_frf, records_of_frf, write_records
 from vibrecords.records import FrfRecord
 from vibrecords.simulated import noisy_frf
-from vibrecords.variance import coherence_variance
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
 COHERENCE = '[data.variance]\nsource = "coherence"\n'
-FEWEST = SamplerSettings(walkers=8, max_steps=100)
-SMALL = SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
+FEWEST = jb.SamplerSettings(walkers=8, max_steps=100)
+SMALL = jb.SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
 
 
-def truth(*changes: tuple[str, str]) -> Case:
+def truth(*changes: tuple[str, str]) -> jb.Case:
     return jb.case_from_text("truth", edited(cheap_text(), *changes))
 
 
@@ -48,7 +43,7 @@ def virtual(
     """Noisy FRFs with coherence of the small beam with the published joint, at DOFs of the model."""
     case = truth(*changes)
     lines = np.array(case.spec.data.lines_hz())
-    model = case.problem.test.receptance_model(Ports(lines, outputs, inputs))
+    model = case.problem.test.receptance_model(jb.Ports(lines, outputs, inputs))
     exact = FrfSet(lines, model.receptance(pair_matrix(TABLE_3))[0], outputs, inputs).converted("accelerance")
     noisy = noisy_frf(exact, CoherenceNoise(coherence, averages), averages, np.random.default_rng(seed))
     return noisy.converted(quantity)
@@ -75,7 +70,7 @@ def frf_data(head: str = "", channels: str = CHANNELS, variance: str = COHERENCE
     return f'[data]\nkind = "measured_frf"\nfile = {file}\n{head}\n[data.channels]\n{channels}\n{variance}\n'
 
 
-def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> Case:
+def loaded(folder: Path, data: str, *changes: tuple[str, str]) -> jb.Case:
     path = folder / "case.toml"
     path.write_text(text(data, *changes), encoding="utf-8")
     return jb.load_case(path)
@@ -92,7 +87,7 @@ def test_the_frfs_of_a_file_become_the_data_of_the_case(tmp_path, kind):
     measured = case.problem.test.data
     assert (measured.frf.outputs, measured.frf.inputs, measured.frf.quantity) == (("5:y",), ("5:y",), "accelerance")
     np.testing.assert_allclose(measured.frf.values, frf.values[:, :1], rtol=1e-12)
-    np.testing.assert_allclose(measured.variance, coherence_variance(frf)[:, :1], rtol=1e-9)
+    np.testing.assert_allclose(measured.variance, jb.coherence_variance(frf)[:, :1], rtol=1e-9)
     assert measured.synthetic is False
     assert case.problem.test.data.joint_frf.outputs == ("5:y", "1:y", "1:rz")
     np.testing.assert_allclose(case.problem.test.data.joint_frf.values, frf.values, rtol=1e-12)
@@ -168,7 +163,7 @@ def test_a_file_that_does_not_say_its_quantity_needs_one(tmp_path):
         for r in records_of_frf(virtual())
     ]
     write_records(records, tmp_path / "tip.npz", "npz")
-    with pytest.raises(CaseError, match=r'does not say what it is.*write for example quantity = "accelerance"'):
+    with pytest.raises(jb.CaseError, match=r'does not say what it is.*write for example quantity = "accelerance"'):
         loaded(tmp_path, TIP)
     assert loaded(tmp_path, frf_data('quantity = "accelerance"')).problem.test.data.frf.quantity == "accelerance"
 
@@ -180,7 +175,7 @@ def test_one_frf_in_several_files_is_one_only_as_repeats(tmp_path):
     case = loaded(tmp_path, frf_data(variance='[data.variance]\nsource = "repeats"\n', file=files))
     assert [file.name for file in case.problem.test.data.provenance.files] == ["run0.npz", "run1.npz"]
     assert case.problem.test.data.variance_dof == 2
-    with pytest.raises(CaseError, match=r'run1.npz.*another FRF of 5:y over 5:y.*source = "repeats"'):
+    with pytest.raises(jb.CaseError, match=r'run1.npz.*another FRF of 5:y over 5:y.*source = "repeats"'):
         loaded(tmp_path, frf_data(file=files))
 
 
@@ -195,7 +190,7 @@ def test_several_files_make_one_set(tmp_path):
 def test_one_average_falls_back_on_a_stated_floor_only(tmp_path):
     frf = replace(virtual(), averages=1)
     stored(replace(frf, coherence=np.ones(frf.values.shape)), tmp_path / "tip.npz")
-    refused(lambda: loaded(tmp_path, TIP), CaseError, "found 1 average")
+    refused(lambda: loaded(tmp_path, TIP), jb.CaseError, "found 1 average")
     stated = '[data.variance]\nsource = "coherence"\nrelative = 0.02\nfloor = 0.01\n'
     case = loaded(tmp_path, frf_data(variance=stated))
     magnitude = np.abs(frf.values)
@@ -222,7 +217,7 @@ def test_without_frfs_at_the_joint_the_iteration_is_left_out_and_says_why(tmp_pa
     case = loaded(tmp_path, frf_data(channels='"Point:5:Y+" = "5:y"\n'))
     assert case.problem.test.data.joint_frf is None
     assert "no FRF of 1:y" in case.problem.test.data.provenance.iteration
-    refused(lambda: jb.identify(case), ModelError, "no FRF of 1:y, a DOF of the joint")
+    refused(lambda: jb.identify(case), jb.ModelError, "no FRF of 1:y, a DOF of the joint")
     result = CliRunner().invoke(main, ["identify", str(tmp_path / "case.toml"), "--paper"])
     assert result.exit_code == 0
     assert "The paper's iteration is left out." in result.output
@@ -251,9 +246,9 @@ def test_a_rotation_in_the_likelihood_replaces_its_stations(tmp_path):
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
     measured = case.problem.test.data
     assert measured.frf.outputs == ("5:y", "1:rz")
-    variance = coherence_variance(frf)[:, 1:, 0].sum(axis=1) / 0.05**2
+    variance = jb.coherence_variance(frf)[:, 1:, 0].sum(axis=1) / 0.05**2
     np.testing.assert_allclose(measured.variance[:, 1, 0], variance, rtol=1e-9)
-    with pytest.raises(CaseError, match="found 1:y, which a rotation in the likelihood replaces"):
+    with pytest.raises(jb.CaseError, match="found 1:y, which a rotation in the likelihood replaces"):
         loaded(tmp_path, frf_data('outputs = ["1:y"]', channels=STATIONS, variance=COHERENCE + rotation))
 
 
@@ -275,9 +270,9 @@ def test_natural_frequencies_are_found_in_a_file_and_feed_the_frequency_likeliho
 
 def test_a_missed_first_mode_is_noticed(tmp_path):
     stored(virtual(("5:y",)), tmp_path / "tip.npz")
-    with pytest.raises(CaseError, match=r"structure: found mode 1 at 75\d.*; correct Young's.* f_min_hz if a mode"):
+    with pytest.raises(jb.CaseError, match=r"structure: found mode 1 at 75\d.*; correct Young's.* f_min_hz if a mode"):
         loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nf_min_hz = 300.0\n\n[data.ch"))
-    with pytest.raises(CaseError, match=r"found 3 modes; expected at least 4"):
+    with pytest.raises(jb.CaseError, match=r"found 3 modes; expected at least 4"):
         loaded(tmp_path, FREQUENCIES.replace("\n\n[data.ch", "\nmodes = 4\n\n[data.ch"))
 
 
@@ -298,7 +293,7 @@ def test_a_mode_counts_as_missed_from_15_percent_above_that_of_a_rigid_joint(tmp
     length = 383.0 * np.sqrt(found / rigid / above)
     stored(virtual(("5:y",), changes=(("length_mm = 383.0", f"length_mm = {length:.3f}"),)), tmp_path / "tip.npz")
     if missed:
-        refused(lambda: loaded(tmp_path, FREQUENCIES), CaseError, r"found mode 1 at .* if a mode was missed")
+        refused(lambda: loaded(tmp_path, FREQUENCIES), jb.CaseError, r"found mode 1 at .* if a mode was missed")
     else:
         assert loaded(tmp_path, FREQUENCIES).problem.test.data.frequency_hz[0] > 1.08 * rigid
 
@@ -477,7 +472,7 @@ def test_a_bad_coherence_that_nobody_asks_for_costs_no_line(tmp_path):
 def test_a_file_of_bad_lines_is_refused(tmp_path, values, coherence, expected):
     frf = virtual()
     write_records(spoilt(frf, values(frf.n_lines), coherence(frf.n_lines)), tmp_path / "tip.npz", "npz")
-    refused(lambda: loaded(tmp_path, frf_data()), CaseError, expected)
+    refused(lambda: loaded(tmp_path, frf_data()), jb.CaseError, expected)
 
 
 def test_bands_can_be_left_out_of_the_middle(tmp_path):
@@ -491,9 +486,9 @@ def test_bands_can_be_left_out_of_the_middle(tmp_path):
     np.testing.assert_array_equal(measured.frf.frequency_hz, np.delete(f, [0, 4, 5, 6, 9]))
     assert any("5 were left out, as exclude_hz asks" in note for note in measured.provenance.notes)
     assert not any(w.key == "uneven_lines" for w in measured.provenance.warnings)
-    with pytest.raises(CaseError, match=r"data\.exclude_hz: .*lower frequency first"):
+    with pytest.raises(jb.CaseError, match=r"data\.exclude_hz: .*lower frequency first"):
         loaded(tmp_path, frf_data("exclude_hz = [[50.5, 49.5]]"))
-    with pytest.raises(CaseError, match=r"found no line outside 1 to 1e\+06 Hz"):
+    with pytest.raises(jb.CaseError, match=r"found no line outside 1 to 1e\+06 Hz"):
         loaded(tmp_path, frf_data("exclude_hz = [[1.0, 1e6]]"))
 
 
@@ -501,11 +496,13 @@ def test_one_line_is_refused_before_any_work(tmp_path):
     frf = virtual()
     stored(frf, tmp_path / "tip.npz")
     f = frf.frequency_hz
-    with pytest.raises(CaseError, match=r"case\.toml:\d+: data.file: FRFs: found 1 line, at .* expected two or more"):
+    with pytest.raises(
+        jb.CaseError, match=r"case\.toml:\d+: data.file: FRFs: found 1 line, at .* expected two or more"
+    ):
         loaded(tmp_path, frf_data(f"f_max_hz = {f[0] + 1e-3}"))
     problem = truth().problem
     one = replace(problem.test.data, frf=problem.test.data.frf.at_lines([0]), variance=np.ones((1, 1, 1)))
-    refused(lambda: jb.sample(problem.with_test(data=one)), MeasurementError, "found 1 line")
+    refused(lambda: jb.sample(problem.with_test(data=one)), jb.MeasurementError, "found 1 line")
 
 
 @pytest.mark.parametrize("quantity", ["accelerance", "receptance"])
@@ -539,8 +536,8 @@ def test_a_layout_names_the_variables_of_a_file_that_nobody_would_know(tmp_path)
     data = frf_data('outputs = ["5:y"]\nquantity = "accelerance"', channels, variance)
     case = loaded(tmp_path, f'{data}\n[data.layout]\nfrf = "a"\nfrequency_hz = "b"\n')
     np.testing.assert_allclose(case.problem.test.data.frf.values, frf.values[:, :1], rtol=1e-12)
-    refused(lambda: loaded(tmp_path, data), CaseError, "found neither FRFs nor time histories in 'a'")
-    with pytest.raises(CaseError, match=r'data.layout.frff: unknown key.* did you mean "frf"'):
+    refused(lambda: loaded(tmp_path, data), jb.CaseError, "found neither FRFs nor time histories in 'a'")
+    with pytest.raises(jb.CaseError, match=r'data.layout.frff: unknown key.* did you mean "frf"'):
         loaded(tmp_path, f'{data}\n[data.layout]\nfrff = "a"\n')
 
 

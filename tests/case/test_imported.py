@@ -7,9 +7,7 @@ import pytest
 from benchmarks.bricks import brick_model, face
 
 import jointbayes as jb
-from jointbayes.case.case import load_case
 from jointbayes.case.case_objects import _read, _reduced
-from jointbayes.errors import CaseError
 from jointbayes.structure.imported import kept, reduction
 from tests.case.refusal_rows import parts_named
 from tests.conftest import FEW_STEPS
@@ -51,7 +49,7 @@ def write(home, *edits):
 
 
 def test_it_is_the_problem_of_its_matrices(home):
-    case = load_case(home / "case.toml")
+    case = jb.load_case(home / "case.toml")
     model = plane_beam(20)
     dofs = [f"{node}:{'y' if way == 2 else 'rz'}" for node, way in model.dofs]
     np.save(home / "K.npy", model.stiffness.toarray())
@@ -63,7 +61,7 @@ def test_it_is_the_problem_of_its_matrices(home):
                     for k, low, high in (("k11", 1e5, 1e10), ("k12", 1e2, 1e8), ("k22", 1e3, 1e8)))  # fmt: skip
     (home / "matrices.toml").write_text(text + prior)
     (home / "case.toml").write_text(CASE + prior)
-    case, other = load_case(home / "case.toml"), load_case(home / "matrices.toml")
+    case, other = jb.load_case(home / "case.toml"), jb.load_case(home / "matrices.toml")
     theta = case.problem.prior.sample(np.random.default_rng(1), 50)
     mode = other.problem.parametrisation.coordinates(np.array([3e7, 1e5, 2e5]))
     theta = np.vstack([theta, mode + 0.01 * np.random.default_rng(2).standard_normal((50, 3))])
@@ -74,10 +72,10 @@ def test_it_is_the_problem_of_its_matrices(home):
 
 
 def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, counted, tmp_path):
-    case = load_case(home / "case.toml")
+    case = jb.load_case(home / "case.toml")
     posterior = jb.sample(case, seed=1, settings=FEW_STEPS)
     jb.write_report(posterior, tmp_path / "report")
-    load_case(home / "case.toml")
+    jb.load_case(home / "case.toml")
     assert len(counted) == 1
 
 
@@ -88,7 +86,7 @@ def test_the_reduction_of_a_large_model_is_kept_by_what_it_depends_on(home, coun
     def again():
         _read.cache_clear()
         _reduced.cache_clear()
-        return load_case(home / "case.toml").problem
+        return jb.load_case(home / "case.toml").problem
 
     first = again()
     theta = first.prior.sample(np.random.default_rng(1), 10)
@@ -104,7 +102,7 @@ def test_the_reduction_of_a_large_model_is_kept_by_what_it_depends_on(home, coun
 
 
 def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):
-    posterior = jb.sample(load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
+    posterior = jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
     posterior.save(tmp_path / "posterior.nc")
     (home / "beam.npz").unlink()
     again = jb.load_posterior(tmp_path / "posterior.nc")
@@ -116,7 +114,7 @@ def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):
 
 def test_the_reduction_is_checked_as_a_mesh_is(home):
     path = write(home, ('file = "beam.npz"', 'file = "beam.npz"\ntop_hz = 2000.0'))
-    mesh = jb.sample(load_case(path), seed=1, settings=FEW_STEPS).mesh
+    mesh = jb.sample(jb.load_case(path), seed=1, settings=FEW_STEPS).mesh
     assert mesh is not None
     assert mesh.within
     assert mesh.kind == "reduced"
@@ -137,7 +135,7 @@ def test_parts_are_exports_of_themselves(home):
         ('"11:y"', '"tip:z"'),
         ("[joint]", "[uncertain.bodies.end.density]\nsd_percent = 3.0\n[joint]"),
     )
-    case = load_case(path)
+    case = jb.load_case(path)
     body = case.problem.test.structures
     assert body.names == ("end.density",)
     heavier = body.recipe.structure({"end.density": 1.1}).rigid_motions(np.arange(1))
@@ -155,7 +153,7 @@ def test_supports_and_boxes(home):
         ('["1:y", "1:rz"]', '["root:y", "root:rz"]'),
         ('"11:y"', '"tip:z"'),
     )  # fmt: skip
-    recipe = load_case(path.with_name("case.toml")).problem.test.structures.recipe
+    recipe = jb.load_case(path.with_name("case.toml")).problem.test.structures.recipe
     assert recipe.positions["root"] == pytest.approx((0, 0, 0))
     assert recipe.positions["tip"] == pytest.approx((0.2, 0.01, 0.015))
 
@@ -167,5 +165,7 @@ def test_a_model_outside_the_directory_of_the_case_is_read_only_where_that_is_al
     if link:
         (home / "beam.npz").symlink_to(elsewhere)
     path = home / "case.toml" if link else write(home, ("beam.npz", str(elsewhere)))
-    refused(lambda: load_case(path), CaseError, r"^[^\n]*case\.toml:3: structure\.file: found [^\n]*directory[^\n]*$")
-    assert load_case(path, allow_outside=True).problem.test.structure.labels
+    refused(
+        lambda: jb.load_case(path), jb.CaseError, r"^[^\n]*case\.toml:3: structure\.file: found [^\n]*directory[^\n]*$"
+    )
+    assert jb.load_case(path, allow_outside=True).problem.test.structure.labels

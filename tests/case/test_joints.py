@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jointbayes.case.case import case_from_text
-from jointbayes.errors import CaseError
+import jointbayes as jb
 from jointbayes.joint import Joint, Joints, parametrisation_named
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import CONFIGS, edited
@@ -19,7 +18,7 @@ LONE = BEAM + '[joint]\nkind = "full"\ndofs = ["1:y", "1:rz"]\n' + DATA + TRUTH
 
 
 def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
-    case = case_from_text("two", TWO)
+    case = jb.case_from_text("two", TWO)
     problem = case.problem
     assert problem.test.joints == Joints((Joint(("1:y", "1:rz"), name="left"), Joint(("11:y", "11:rz"), name="right")))
     assert problem.names == ("left.k11", "left.k12", "left.k22", "right.ky", "right.krz")
@@ -34,18 +33,18 @@ def test_a_case_with_two_joints_is_a_problem_with_their_quantities():
 
 
 def test_a_lone_joint_may_be_of_another_kind():
-    problem = case_from_text("full", LONE).problem
+    problem = jb.case_from_text("full", LONE).problem
     assert problem.names == ("k11", "k22", "rho12")
     assert problem.parametrisation == parametrisation_named("full", ("y", "rz"))
     assert problem.parametrisation.stiffness_names == ("k11", "k12", "k22")
     rigid = edited(LONE, ('"full"', '"rigid"'), (TRUTH, "[data.truth.stiffness]\n"))
-    assert case_from_text("rigid", rigid).problem.names == ()
+    assert jb.case_from_text("rigid", rigid).problem.names == ()
 
 
 def test_joints_may_share_their_quantities():
     own = "[data.truth.stiffness.right]\nky = 2e7\nkrz = 3e4\n"
     text = edited(TWO, ('kind = "springs"\ndofs', 'shared = "left"\ndofs'), (own, ""))
-    problem = case_from_text("shared", text).problem
+    problem = jb.case_from_text("shared", text).problem
     assert (problem.names, problem.parametrisation.size) == (("left.k11", "left.k12", "left.k22"), 4)
 
 
@@ -58,7 +57,7 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
         ('kind = "full"', 'kind = "springs"\nviscous = ["ky"]\nloss_factors = ["all"]'),
         (TRUTH, "[data.truth.stiffness]\nky = 5e7\nkrz = 5e4\ncy = 300.0\neta = 0.1\n"),
     )
-    case = case_from_text("damped", damped)
+    case = jb.case_from_text("damped", damped)
     assert (case.problem.names, case.warnings) == (("ky", "krz", "cy", "eta"), ())
     low, high = np.exp(case.problem.prior.support)
     assert (low[3], high[3]) == pytest.approx((1e-4, 1.0))
@@ -67,6 +66,6 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
     squares = np.abs(case.problem.log_posterior.standardised(theta)) ** 2
     assert squares.mean() == pytest.approx(1.0, abs=0.3)
     stated = damped.replace("[data]\n", f"[prior]\nky = {PRIOR}\nkrz = {PRIOR}\ncy = {PRIOR}\n[data]\n", 1)
-    refused(lambda: case_from_text("case.toml", stated), CaseError, r"prior\.eta: missing table")
-    with pytest.raises(CaseError, match=r"joint\.viscous: found viscous kz; expected each once of ky, krz"):
-        case_from_text("case.toml", damped.replace('viscous = ["ky"]', 'viscous = ["kz"]'))
+    refused(lambda: jb.case_from_text("case.toml", stated), jb.CaseError, r"prior\.eta: missing table")
+    with pytest.raises(jb.CaseError, match=r"joint\.viscous: found viscous kz; expected each once of ky, krz"):
+        jb.case_from_text("case.toml", damped.replace('viscous = ["ky"]', 'viscous = ["kz"]'))

@@ -22,21 +22,17 @@ import pytest
 from click.testing import CliRunner
 from pydantic import BaseModel
 
+import jointbayes as jb
 from jointbayes import workflow
 from jointbayes.case import case as case_module
 from jointbayes.case import case_objects
-from jointbayes.case.case import case_from_text
 from jointbayes.case.spec.data_table import RotationSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.files import simulate as simulate_command
-from jointbayes.errors import CaseError
-from jointbayes.frf import Ports, Substructures
-from jointbayes.inference import Problem
 from jointbayes.joint import Joints
-from jointbayes.posterior.first_look import Candidate, FrfCandidate, StatedVariance
-from jointbayes.structure import Section
+from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test
 from jointbayes.studies.planning import make_plan
@@ -104,7 +100,7 @@ def lines_of(frequency_hz: Any) -> dict[str, float]:
     return {"first": first, "step": round(second - first, 9), "count": len(frequency_hz)}
 
 
-def _of_problem(problem: Problem) -> dict[str, Any]:
+def _of_problem(problem: jb.Problem) -> dict[str, Any]:
     several = len(problem.tests) > 1
     parts = (
         {"tests": problem.tests} if several else {key: getattr(problem.test, name) for key, name in _OF_A_TEST.items()}
@@ -125,10 +121,10 @@ _OF_A_TEST = {"structure": "structure", "joint": "joints", "data": "data", "nois
 #: What is looked at of an object, where not all of its fields: what is left out follows from the rest, or was made up.
 VIEWS: dict[type, Callable[[Any], Any]] = {
     Joints: lambda joints: {joint.name: joint for joint in joints.joints},
-    Section: lambda section: section.dimensions,
+    jb.Section: lambda section: section.dimensions,
     UncertainBody: lambda family: {"recipe": family.recipe, "ranges": family.ranges},
-    Substructures: lambda bodies: bodies.modelled,
-    Ports: lambda ports: lines_of(ports.frequency_hz),
+    jb.Substructures: lambda bodies: bodies.modelled,
+    jb.Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),
     FrfData: lambda measured: measured.frf,
     StatedVariance: lambda law: float(law.stated[0, 0, 0]),
@@ -173,7 +169,7 @@ class Bench:
     def __init__(self, monkeypatch: Any, directory: Path) -> None:
         self.seen: dict[str, Any] = {}
         self._file = directory / "case.toml"
-        monkeypatch.setattr(Problem, "log_posterior", None)
+        monkeypatch.setattr(jb.Problem, "log_posterior", None)
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
         monkeypatch.setattr(case_module, "split_data", self._split)
@@ -192,7 +188,7 @@ class Bench:
         """Numbers of what a case makes, and of what is asked of the step of a run that `act` names."""
         self.seen.clear()
         text = toml_text(data)
-        case = case_from_text("case", text)
+        case = jb.case_from_text("case", text)
         with suppress(_Stop):
             if act == "identify":
                 workflow.identify(case)
@@ -226,7 +222,7 @@ class Bench:
         raise _Stop
 
     def _synthesised(
-        self, family: Any, joint: Any, matrix: Any, ports: Ports, law: Any, quantity: Any, rng: Any, gain: float
+        self, family: Any, joint: Any, matrix: Any, ports: jb.Ports, law: Any, quantity: Any, rng: Any, gain: float
     ) -> FrfData:
         self.seen["truth"] = {"structure": family, "matrix": matrix, "ports": ports, "law": law, "gain": gain}
         self.seen["truth"]["rng"] = deepcopy(rng)
@@ -288,7 +284,7 @@ def moved_numbers(bench: Bench, case: KeyCase, path: KeyPath, key: str, value: f
             reduce(getitem, (*tables[:-1], last), data)[tables[-1]] = moved  # as it stays symmetric
         try:
             return moved, bench.numbers(data, case.act)
-        except CaseError as error:
+        except jb.CaseError as error:
             refused = error
     raise AssertionError(f"{key}: {refused}")
 

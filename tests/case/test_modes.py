@@ -7,8 +7,6 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.parse import parse_case
-from jointbayes.errors import CaseError
-from jointbayes.inference import OfStiffness
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import edited, shipped_text
 
@@ -71,14 +69,14 @@ def test_damping_ratios_make_uncertain_damping_visible():
     text = edited(BASE, ("[sampling]", "[uncertain.damping_ratio]\nlow_factor = 0.1\nhigh_factor = 10.0\n[sampling]"))
     assert jb.case_from_text("modes", text).problem.names[-1] == "damping_ratio"
     without = text.replace("damping_ratios = [0.011, 0.009]\ndamping_sd_relative = 0.1\n", "")
-    with pytest.raises(CaseError, match=r"uncertain\.damping_ratio: undamped natural frequencies do not depend"):
+    with pytest.raises(jb.CaseError, match=r"uncertain\.damping_ratio: undamped natural frequencies do not depend"):
         parse_case(without)
 
 
 def test_a_uniform_prior_of_a_stiffness_is_one_of_the_stiffness_itself():
     prior = '[prior.k11]                  # N/m\ndistribution = "log_uniform"'
     case = jb.case_from_text("modes", edited(BASE, (prior, '[prior.k11]\ndistribution = "uniform"')))
-    assert case.problem.prior.marginals[0] == OfStiffness(jb.Uniform(1e6, 1e11))
+    assert case.problem.prior.marginals[0] == jb.OfStiffness(jb.Uniform(1e6, 1e11))
 
 
 @pytest.mark.long

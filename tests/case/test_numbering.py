@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import Case, case_from_text
 from jointbayes.identification import numbering
 from jointbayes.identification.numbering import SURE, find_numbering
 from jointbayes.inference import ErrorSizes
@@ -14,9 +13,9 @@ from tests.conftest import CONFIGS, first_in_ci
 (BAR,) = parts_named("numbering").values()
 
 
-def bar(frequency: list[float], numbers: list[int] | None = None, sd: float = 0.01) -> Case:
+def bar(frequency: list[float], numbers: list[int] | None = None, sd: float = 0.01) -> jb.Case:
     kind = 'kind = "natural_frequencies"\n' if numbers is None else f'kind = "modes"\nnumbers = {numbers}\n'
-    return case_from_text("bar", f"{BAR}{kind}frequencies_hz = {frequency}\nsd_relative = {sd}\n")
+    return jb.case_from_text("bar", f"{BAR}{kind}frequencies_hz = {frequency}\nsd_relative = {sd}\n")
 
 
 def measured(ky: float, krz: float, first: int, last: int, sd: float = 0.01, seed: int = 1) -> list[float]:

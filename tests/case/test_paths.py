@@ -5,7 +5,6 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError
 from tests.case.test_files import frf_data, stored, text, virtual
 from tests.conftest import edited, without_stages
 from tests.one_line import refused
@@ -45,7 +44,7 @@ def test_files_in_the_directory_of_the_case_or_below_are_read(home, name):
 @pytest.mark.parametrize("name", ["../tip.npz", "{home}/../tip.npz", "link.npz", "folder/tip.npz", "../cases2/tip.npz"])
 def test_files_elsewhere_are_refused_in_one_line_and_read_where_that_is_allowed(home, name):
     path = case_in(home, f'["tip.npz", "{name.format(home=home)}"]')
-    with pytest.raises(CaseError) as caught:
+    with pytest.raises(jb.CaseError) as caught:
         jb.load_case(path)
     line = 1 + next(i for i, row in enumerate(path.read_text("utf-8").splitlines()) if row.startswith("file = "))
     message = str(caught.value)
@@ -68,7 +67,7 @@ def test_a_case_reached_by_a_link_has_the_directory_it_is_reached_in(home, tmp_p
 
 def test_a_case_from_text_is_confined_to_the_directory_given(home):
     outside = text(frf_data(TIP, file='"../tip.npz"'))
-    refused(lambda: jb.case_from_text("case", outside, directory=home), CaseError, "leads out")
+    refused(lambda: jb.case_from_text("case", outside, directory=home), jb.CaseError, "leads out")
     case = jb.case_from_text("case", outside, directory=home, allow_outside=True)
     measured = case.problem.test.data
     again = jb.case_from_text("case", outside, directory=home, data=measured)  # as a report does: no file is read
@@ -78,7 +77,7 @@ def test_a_case_from_text_is_confined_to_the_directory_given(home):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_that_reads_a_case_has_the_option_and_tells_of_slips_first(home, monkeypatch, command):
     def stop(*_arguments, **_options):
-        raise CaseError("stopped here")
+        raise jb.CaseError("stopped here")
 
     for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "studies.simulated_test.simulate",
                   "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip

@@ -15,7 +15,6 @@ from jointbayes.case.case_text import case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import LIMITS, TABLE, limit_text
 from jointbayes.case.spec.whole import CaseSpec
-from jointbayes.errors import CaseError
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Lights
@@ -108,7 +107,7 @@ def faults_of(text):
     """Each fault of a case on a line of its own; none where the schema accepts it."""
     try:
         parse_case(text, "case")
-    except CaseError as error:
+    except jb.CaseError as error:
         return str(error).splitlines()
     return []
 
@@ -202,5 +201,5 @@ def test_too_little_memory_is_one_line(monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("jointbayes.case.case.measurement_of", too_large)
-    with pytest.raises(CaseError, match=r"^case.toml:\d+: data: found too little memory; expected room"):
+    with pytest.raises(jb.CaseError, match=r"^case.toml:\d+: data: found too little memory; expected room"):
         jb.case_from_text("case.toml", cheap_text())

@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.case import Case
-from jointbayes.errors import CaseError
-from jointbayes.studies.simulated_test import simulate
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
 from vibrecords.formats import iter_records, write_records
 from vibrecords.records import TimeRecord
@@ -22,10 +19,10 @@ def virtual_records(path: Path, table: str, kind: str = "npz") -> None:
     quantity = ('quantity = "receptance"', 'quantity = "accelerance"')
     band = ("f_max_hz = 2500.0", "f_max_hz = 1000.0")
     case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band) + f"\n[virtual_test]\n{table}\n")
-    write_records(simulate(case, seed=5), path, kind)
+    write_records(jb.simulate(case, seed=5), path, kind)
 
 
-def loaded(folder: Path, records: str, variance: str = VARIANCE) -> Case:
+def loaded(folder: Path, records: str, variance: str = VARIANCE) -> jb.Case:
     whole = cheap_text()
     start, end = whole.index("[data]"), whole.index("[identification]")
     data = (
@@ -37,7 +34,7 @@ def loaded(folder: Path, records: str, variance: str = VARIANCE) -> Case:
     return jb.load_case(path)
 
 
-def k22_of(case: Case) -> tuple[float, float]:
+def k22_of(case: jb.Case) -> tuple[float, float]:
     """Mode of ln k22 relative to the truth, and its Laplace standard deviation."""
     estimate = best_of(case.problem.log_posterior, {"published": TABLE_3})
     return float(np.log(estimate.values[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
@@ -92,7 +89,7 @@ def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
 
 def test_a_force_of_no_hammer_needs_to_be_told_how(tmp_path):
     virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 4\nblock_s = 1.0')
-    with pytest.raises(CaseError, match=r"no hammer's; expected hits.*write method = \"shaker\" and block_s"):
+    with pytest.raises(jb.CaseError, match=r"no hammer's; expected hits.*write method = \"shaker\" and block_s"):
         loaded(tmp_path, "", variance="")
 
 

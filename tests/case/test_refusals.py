@@ -7,7 +7,6 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.output import LONGEST, shortened
-from jointbayes.errors import CaseError
 from jointbayes.studies.planning.case_candidates import candidates_of
 from tests.case.refusal_rows import broken, case_text_named, lines_of, parts_named, refusal_rows
 from tests.case.test_bodies import write_measurements
@@ -80,7 +79,7 @@ def told(folder, text):
         case = jb.case_from_text("case.toml", text, directory=folder)
         if "[plan.tests" in text:
             candidates_of(case)
-    except CaseError as error:
+    except jb.CaseError as error:
         return lines_of(str(error).replace(f"{folder}/", "")), True
     return [f"case.toml:{warning.line}: {warning}" for warning in case.warnings], False
 

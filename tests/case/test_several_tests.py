@@ -8,10 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.case.parse import parse_case, parse_tests
-from jointbayes.errors import CaseError
-from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
-from jointbayes.joint import LogStiffness
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.studies.planning.case_candidates import candidates_of
 from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
@@ -26,21 +22,23 @@ def built(more, base=BASE):
 
 
 def beam(length, names):
-    recipe = BeamRecipe(length, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
-    return BeamFamily(recipe, names)
+    recipe = jb.BeamRecipe(
+        length, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.ModalDamping((0.01,))
+    )
+    return jb.BeamFamily(recipe, names)
 
 
 def test_a_case_of_two_tests_is_the_problem_that_one_would_write_by_hand():
     case = built(CLAMP_EDGE + TWO)
     assert [part.test.name for part in case.problem.parts] == ["long", "short"]
     known = (
-        Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.02)),
-        Nuisance("long.length", "mm", 383.0, Normal(0.0, 0.1 / 383)),
-        Nuisance("length_offset", "mm", 1000.0, Normal(0.0, 0.0019)),
-        Nuisance("short.length", "mm", 200.0, Normal(0.0, 0.1 / 200)),
+        jb.Nuisance("youngs_modulus", "GPa", 210.0, jb.Normal(0.0, 0.02)),
+        jb.Nuisance("long.length", "mm", 383.0, jb.Normal(0.0, 0.1 / 383)),
+        jb.Nuisance("length_offset", "mm", 1000.0, jb.Normal(0.0, 0.0019)),
+        jb.Nuisance("short.length", "mm", 200.0, jb.Normal(0.0, 0.1 / 200)),
     )
     ends = [(1e8, 1e12), (1e5, 1e9), (1e4, 1e8)]
-    prior = JointPrior(LogStiffness(), tuple(Uniform(*np.log(pair)) for pair in ends), known)
+    prior = jb.JointPrior(jb.LogStiffness(), tuple(jb.Uniform(*np.log(pair)) for pair in ends), known)
     tests = []
     for part, (name, length) in zip(case.problem.parts, {"long": 0.383, "short": 0.2}.items(), strict=True):
         own = {n.name.removeprefix(f"{name}."): n.range for n in known if "." not in n.name or n.name.startswith(name)}
@@ -82,7 +80,7 @@ extra_outputs = ["3:y"]
 """
     case = built(TWO + heard + HEARD)
     assert case.problem.names == (*PAIR.names, "gain")
-    with pytest.raises(CaseError) as caught:
+    with pytest.raises(jb.CaseError) as caught:
         parse_tests(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)
     (line,) = str(caught.value).splitlines()
     assert "uncertain.loss_factor: " in line
@@ -198,7 +196,7 @@ def test_a_plan_may_propose_tests_to_a_lone_test_whose_noise_is_integrated_out()
 def test_a_test_named_like_a_joint_is_refused():
     text = BASE.replace("[joint]", "[joints.clamp]").split("[prior]")[0] + "[data]" + BASE.split("[data]")[1]
     text = text.replace("truth = {", "truth = {stiffness = {clamp = {").replace("1.52e6}", "1.52e6}}}")
-    with pytest.raises(CaseError, match=r"tests\.clamp: found the name of a joint"):
+    with pytest.raises(jb.CaseError, match=r"tests\.clamp: found the name of a joint"):
         jb.case_from_text("case", text + "[tests.clamp]\n")
 
 
@@ -210,7 +208,7 @@ def test_a_plan_may_be_for_a_stiffness_of_any_test():
     assert built(OWN_EACH, OWN_BASE).plan_parameter == "loose.k12"
     for name in ("loose.k22", "tight.k11"):
         assert built(f'[plan]\nparameter = "{name}"\n' + OWN_EACH, OWN_BASE).plan_parameter == name
-    with pytest.raises(CaseError) as caught:
+    with pytest.raises(jb.CaseError) as caught:
         built('[plan]\nparameter = "k22"\n' + OWN_EACH, OWN_BASE)
     (line,) = str(caught.value).splitlines()
     assert re.match(r'case:\d+: plan.parameter: found "k22"; expected .*"loose.k11", "loose.k12", .*"tight.k22"', line)
@@ -227,6 +225,6 @@ def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
         'extends = "older.toml"\nremove = ["setups.short", "left_out"]\n', encoding="utf-8"
     )
     assert [test.name for test in jb.load_case(tmp_path / "over.toml").problem.tests] == ["long"]
-    with pytest.raises(CaseError, match=rf"^case:{older.count(chr(10)) + 1}: tests.short.nonsense: "):
+    with pytest.raises(jb.CaseError, match=rf"^case:{older.count(chr(10)) + 1}: tests.short.nonsense: "):
         parse_tests(older + "[setups.short.nonsense]\n")
-    refused(lambda: parse_tests(older + "[tests.other]\n"), CaseError, "setups")
+    refused(lambda: parse_tests(older + "[tests.other]\n"), jb.CaseError, "setups")

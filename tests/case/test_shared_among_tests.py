@@ -2,10 +2,9 @@
 
 import pytest
 
+import jointbayes as jb
 from jointbayes.case.case_text import case_text, drop_inherited, texts_of_tests
 from jointbayes.case.parse import parse_planned, parse_tests
-from jointbayes.errors import CaseError
-from jointbayes.inference import StudentNoise
 from tests.case.test_bodies import TEXT as MEASURED
 from tests.case.test_several_tests import BASE, HEARD, TWO, built
 from tests.case.test_structures import SPINDLE, text_of
@@ -18,7 +17,7 @@ INEXACT = "[uncertain.model_error]\nfrequency_error = 0.01\n"
 
 def fault(text):
     """The one line by which a case is refused."""
-    with pytest.raises(CaseError) as caught:
+    with pytest.raises(jb.CaseError) as caught:
         parse_tests(text, "case")
     (line,) = str(caught.value).splitlines()
     return line
@@ -95,7 +94,7 @@ def test_each_test_has_its_residuals_their_distribution_and_the_guess_of_all():
     more = "[tests.a.noise]\nresiduals = 'log_magnitude'\n[tests.b.noise]\ndistribution = 'student_t'\ndof = 5.0\n"
     problem = built(more, guess).problem
     assert [one.residual_kind for one in problem.tests] == ["log_magnitude", "complex"]
-    assert [isinstance(one.noise, StudentNoise) for one in problem.tests] == [False, True]
+    assert [isinstance(one.noise, jb.StudentNoise) for one in problem.tests] == [False, True]
     assert problem.first_guess.tolist() == [2e8, 0.0, 3e6]
 
 

@@ -9,21 +9,8 @@ from numpy.testing import assert_allclose
 from scipy import linalg
 
 import jointbayes as jb
-from jointbayes.errors import CaseError
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.joint import Joint
 from jointbayes.posterior.storage import _Description, _Restoring
-from jointbayes.structure import (
-    BeamMaterial,
-    FrameBody,
-    FrameFamily,
-    FrameRecipe,
-    LossFactor,
-    Member,
-    ModalDamping,
-    Section,
-    chain,
-)
 from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import edited, shipped_text
 from tests.one_line import refused
@@ -49,11 +36,11 @@ def built(structure, out, into, **more):
 
 def test_a_portal_frame_is_what_it_says():
     case = built(PORTAL, "3:y", "1:x")
-    steel = BeamMaterial(2.1e11, 0.3, 7800.0)
+    steel = jb.BeamMaterial(2.1e11, 0.3, 7800.0)
     points = {"foot": (0, 0, 0), "1": (0, 0.4, 0), "5": (0.5, 0.4, 0), "right": (0.5, 0, 0)}
-    body = FrameBody(points, (Member(tuple(points), Section.rectangle(0.04, 0.02), steel),))
-    expected = FrameRecipe(
-        body, ModalDamping((0.005,)), ("x", "y", "rz"), case.spec.structure.supports, accelerometer_dofs=("3:y",)
+    body = jb.FrameBody(points, (jb.Member(tuple(points), jb.Section.rectangle(0.04, 0.02), steel),))
+    expected = jb.FrameRecipe(
+        body, jb.ModalDamping((0.005,)), ("x", "y", "rz"), case.spec.structure.supports, accelerometer_dofs=("3:y",)
     )
     assert case.problem.test.structure.recipe.bodies[0][1].members == expected.bodies[0][1].members
     assert case.problem.test.structure.recipe == expected
@@ -75,7 +62,7 @@ def test_an_error_of_a_length_in_mm_is_one_of_the_straight_body_that_has_it():
     assert tool.prior.sd == pytest.approx(5e-4)
     like = STRAIGHT.replace("tip = [180, 0, 0]", "tip = [160, 0, 0]") + "[uncertain.length]\nsd_mm = 0.2\n"
     assert length_of(like).prior.sd == pytest.approx(0.2 / 80)
-    with pytest.raises(CaseError, match=r"uncertain.length.sd_mm: found one factor for bodies of different lengths"):
+    with pytest.raises(jb.CaseError, match=r"uncertain.length.sd_mm: found one factor for bodies of different lengths"):
         built(STRAIGHT + "[uncertain.length]\nsd_mm = 0.05\n", "tool.tip:y", "tool.tip:y")
 
 
@@ -108,7 +95,7 @@ def test_a_case_without_priors_takes_the_frames_own_stiffness():
 
 def test_a_chain_is_that_of_python_and_its_unknown_springs_are_joints():
     problem = jb.case_from_text("chain", CHAIN + SPRINGS).problem
-    expected = chain([1.0, 2.0, 1.5], [("2", "3", 1e5)], dampers=[("1", "ground", 5.0)])
+    expected = jb.chain([1.0, 2.0, 1.5], [("2", "3", 1e5)], dampers=[("1", "ground", 5.0)])
     found = problem.test.structure.nominal
     assert_allclose(found.stiffness, expected.stiffness)
     assert_allclose(found.mass, expected.mass)
@@ -145,13 +132,13 @@ def test_two_lapped_beams_with_two_shared_bolts_are_those_of_a_dense_solve():
     upper_left, lower_left, upper_right, lower_right = forms
     added = sum(f.T @ np.diag(k) @ f for f in (upper_left + lower_left, upper_right + lower_right))
     whole = replace(free, stiffness=free.stiffness + added)
-    expected = DirectSolve(whole, Joint(("upper.end:x",)), ports).receptance(np.zeros((1, 1)))[0]
+    expected = DirectSolve(whole, jb.Joint(("upper.end:x",)), ports).receptance(np.zeros((1, 1)))[0]
     assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
 
 
 def test_sides_of_a_joint_at_different_places_are_refused_in_one_line():
     text = LAPPED.replace("offset_mm = [0, -5, 0]\n", "", 1)
-    with pytest.raises(CaseError, match=r"^l\.toml:\d+: joints.*at different places, \(0, -5, 0\) mm apart"):
+    with pytest.raises(jb.CaseError, match=r"^l\.toml:\d+: joints.*at different places, \(0, -5, 0\) mm apart"):
         jb.case_from_text("l.toml", text)
 
 
@@ -168,7 +155,7 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     assert_allclose(case.problem.test.structure.nominal.stiffness, stiffness)
     assert_allclose(case.problem.test.structure.nominal.mass, np.diag([2.0, 0.01]))
     found = case.problem.test.structure.nominal.damping
-    assert found == LossFactor(0.02)
+    assert found == jb.LossFactor(0.02)
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 
@@ -195,7 +182,7 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         ("none.npy", "no such file"),
         ("../K.npy", "leads out of the directory"),
     ]:
-        with pytest.raises(CaseError) as caught:
+        with pytest.raises(jb.CaseError) as caught:
             jb.case_from_text("m.toml", text.replace(given, f'"{name}"'), directory=tmp_path)
         assert words in str(caught.value)
         assert str(caught.value).startswith(f"m.toml:{line}: structure.stiffness:")
@@ -208,7 +195,7 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
     plain = description._taken(recipe, "structure")
     assert description.unstored == {}
     again = _Restoring(lambda name: description.arrays[name], "here").part(json.loads(json.dumps(plain)), "structure")
-    assert isinstance(again, FrameFamily)
+    assert isinstance(again, jb.FrameFamily)
     assert (again.recipe, again.ranges) == (recipe.recipe, recipe.ranges)
 
 
@@ -232,4 +219,4 @@ damping = {{ law = "modal", ratio = 0.01 }}
     if right:
         assert jb.case_from_text("case", text).problem.test.data.modes.frequency_hz.size == 3
     else:
-        refused(lambda: jb.case_from_text("case", text), CaseError, "3 frequencies for 2 free DOFs")
+        refused(lambda: jb.case_from_text("case", text), jb.CaseError, "3 frequencies for 2 free DOFs")

@@ -7,8 +7,6 @@ import pytest
 from benchmarks.walk_through import accelerance
 
 import jointbayes as jb
-from jointbayes.case.case import Case
-from jointbayes.errors import CaseError
 from tests.case.refusal_rows import parts_named
 
 LINES = np.arange(20.0, 1000.0, 8.0)
@@ -19,7 +17,7 @@ VARIANCE = '[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.0\n
 
 def loaded(
     folder: Path, more: str = "", *, kind: str = "measured_frf", force: str = '"11:y"', unit: str = "m/s^2/V"
-) -> Case:
+) -> jb.Case:
     values = NEWTON_PER_VOLT * accelerance(LINES)
     rows = [f"{f},{h.real!r},{h.imag!r}" for f, h in zip(LINES.tolist(), values.tolist(), strict=True)]
     head = f"Frequency [Hz],Real acc / shaker [{unit}],Imag acc / shaker [{unit}]"
@@ -34,7 +32,7 @@ def test_an_frf_in_no_si_unit_is_refused_with_the_ways_out(tmp_path, unit):
     words = (
         r"no motion over a force in SI units; expected the units of response and force: unit = \"g\" and, of volts, "
     )
-    with pytest.raises(CaseError, match=words + r"sensitivity .*measured_frequencies.*uncertain.gain"):
+    with pytest.raises(jb.CaseError, match=words + r"sensitivity .*measured_frequencies.*uncertain.gain"):
         loaded(tmp_path, f'quantity = "accelerance"\n{VARIANCE}', unit=unit)
 
 

@@ -9,8 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from benchmarks import two_levels, walk_through
 
-from jointbayes.case.case import Case, case_from_text
-from jointbayes.sampling import SamplerSettings
+import jointbayes as jb
 from tests.conftest import CONFIGS, edited, shipped_text
 
 Edits = tuple[tuple[str, str], ...]
@@ -81,16 +80,16 @@ NAMES = (*(path.stem for path in sorted(CONFIGS.glob("*.toml"))), *MADE)
 
 
 @contextmanager
-def made(name: str) -> Iterator[Case]:
+def made(name: str) -> Iterator[jb.Case]:
     """The case; its measurement files are there as long as it is used."""
     if name in MADE:
         with TemporaryDirectory() as folder:
-            yield case_from_text(name, MADE[name](Path(folder)), directory=folder)
+            yield jb.case_from_text(name, MADE[name](Path(folder)), directory=folder)
     else:
-        yield case_from_text(name, edited(shipped_text(name), *THINNED.get(name, ())), directory=CONFIGS)
+        yield jb.case_from_text(name, edited(shipped_text(name), *THINNED.get(name, ())), directory=CONFIGS)
 
 
-def quick(settings: SamplerSettings, *, full: bool = False) -> SamplerSettings:
+def quick(settings: jb.SamplerSettings, *, full: bool = False) -> jb.SamplerSettings:
     """Settings of a run that ends early, converged or not: what is kept says what changed, not what is true.
 
     The stop rule is as loose as the calmer cases need to converge and so to have verdicts.
@@ -100,7 +99,7 @@ def quick(settings: SamplerSettings, *, full: bool = False) -> SamplerSettings:
     return replace(settings, max_steps=STEPS, **loose)
 
 
-def quick_run(case: Case) -> SamplerSettings:
+def quick_run(case: jb.Case) -> jb.SamplerSettings:
     """The same for the run of a case, with as few walkers as its unknowns allow."""
     unknowns = len(case.problem.prior.names)
     steps = STEPS if unknowns <= _CALM else 2 * STEPS

@@ -17,11 +17,9 @@ import numba
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from jointbayes.posterior import Posterior
-from jointbayes.report import ReportInputs, build_report, drawing, render_html
+import jointbayes as jb
+from jointbayes.report import ReportInputs, build_report, figures, render_html
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import SamplerSettings
-from jointbayes.workflow import sample
 from tests.conftest import plain_reports
 from tests.same.cases import DEAR, made, quick, quick_run
 
@@ -44,8 +42,8 @@ Record = dict[str, Any]
 def shortened(name: str) -> Iterator[None]:
     """Short runs wherever the report makes one, and no pictures."""
     with (
-        patch.object(drawing, "svg", lambda *_: _BLANK),
-        patch.object(SamplerSettings, "for_one_of_many", quick),
+        patch.object(figures, "svg", lambda *_: _BLANK),
+        patch.object(jb.SamplerSettings, "for_one_of_many", quick),
         plain_reports() if name in DEAR else nullcontext(),
     ):
         yield
@@ -54,7 +52,7 @@ def shortened(name: str) -> Iterator[None]:
 def record(name: str) -> Record:
     """Run a case with few steps, and return what is kept of it."""
     with shortened(name), made(name) as case:
-        posterior = sample(case, settings=quick_run(case))
+        posterior = jb.sample(case, settings=quick_run(case))
         with one_blas_thread():  # as `write_report`
             inputs = ReportInputs(posterior)
             page = render_html(build_report(inputs, datetime.date(2026, 1, 1)))
@@ -82,7 +80,7 @@ def arithmetic() -> dict[str, str]:
     }
 
 
-def hash_of(posterior: Posterior) -> str:
+def hash_of(posterior: jb.Posterior) -> str:
     """Of the bytes of all draws and of their log densities, name by name."""
     digest = hashlib.sha256()
     for name in sorted(posterior.draws):

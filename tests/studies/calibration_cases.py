@@ -4,7 +4,6 @@ import re
 from concurrent.futures import Executor, Future
 
 import jointbayes as jb
-from jointbayes.case.case import case_from_text
 from tests.case.refusal_rows import parts_named
 
 (TEXT,) = parts_named("calibration").values()
@@ -21,14 +20,14 @@ EXACT = FREQUENCIES + '\n[uncertain]\nexact = ["model", "youngs_modulus", "densi
 
 def small_case(extra="", name="small", text=TEXT):
     """The case, with further tables."""
-    return case_from_text(name, text + extra)
+    return jb.case_from_text(name, text + extra)
 
 
 def noisier_case(factor):
     """The same joint and priors, but data with so much more noise than `small_case` states."""
     text = TEXT.replace("floor = 0.3", f"floor = {0.3 * factor:g}")
     assert text != TEXT
-    return case_from_text("noisier", text)
+    return jb.case_from_text("noisier", text)
 
 
 def write_case(path, case: jb.Case):

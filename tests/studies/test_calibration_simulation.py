@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.errors import MeasurementError, ModelError
 from jointbayes.posterior.prediction import replace_values, simulated_values
 from jointbayes.studies.data_sets import require_simulable
 from tests.conftest import pair_matrix
@@ -93,7 +92,7 @@ def test_a_term_of_ones_own_is_refused():
 
     problem = small_case().problem
     own = replace(problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
-    refused(lambda: require_simulable(own, own), ModelError, "no data can be drawn")
+    refused(lambda: require_simulable(own, own), jb.ModelError, "no data can be drawn")
 
 
 @pytest.mark.parametrize(("text", "what"), [
@@ -104,7 +103,7 @@ def test_a_term_of_ones_own_is_refused():
 ])  # fmt: skip
 def test_data_that_are_measured_otherwise_are_refused(text, what):
     other = small_case(text=text, name="other").problem
-    refused(lambda: require_simulable(small_case().problem, other), MeasurementError, f"other has other .*{what}")
+    refused(lambda: require_simulable(small_case().problem, other), jb.MeasurementError, f"other has other .*{what}")
 
 
 def test_data_of_another_noise_are_not():

@@ -28,16 +28,7 @@ from jointbayes.studies.campaign.campaign_report import (
 )
 from jointbayes.studies.campaign.index import read_index
 from tests.one_line import refused
-from tests.studies.campaign_directory import (
-    HIGH,
-    LOW,
-    MEAN,
-    SCATTER,
-    campaign_directory,
-    campaign_rows,
-    write_case,
-    write_index,
-)
+from tests.studies import campaign_directory as made
 
 JOINTS = 40
 FILES = {"references.bib", "report.html", "report.pdf", "summary.json", "joints.csv", "index.jsonl", "cases", "figures"}
@@ -49,7 +40,7 @@ def examined(tmp_path_factory, once):
 
     def report():
         directory = tmp_path_factory.mktemp("reports") / "line-7"
-        rows, found = campaign_directory(directory, JOINTS), examine_campaign(directory)
+        rows, found = made.campaign_directory(directory, JOINTS), examine_campaign(directory)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(report_module, "examine_campaign", lambda *_: found)
             return write_campaign_report(directory), rows, found
@@ -126,7 +117,7 @@ def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit
     assert "bad" in banner
     assert "not converged after 10 steps" in banner
     rows = [{**row, "status": "done"} for row in jb.Campaign(copy).index.to_dict("records") if row["converged"]]
-    write_index(copy, rows)
+    made.write_index(copy, rows)
     with pytest.raises(SystemExit) as ended:
         _exit_by(jb.Campaign(copy))
     assert ended.value.code == 3
@@ -151,16 +142,16 @@ def test_the_population_holds_the_truth_of_the_joints_it_was_made_of(summary):
     assert (found["joints"], found["parametrisation"]) == (JOINTS - 3, "log")
     for i, name in enumerate(("k11", "k12")):  # k22 has outliers
         one = found["coordinates"][name]
-        assert abs(one["mean"]["median"] - MEAN[i]) < 3 * SCATTER[i] / np.sqrt(JOINTS) * 1.5
-        assert one["scatter"]["low95"] < 1.2 * SCATTER[i]
-        assert one["scatter"]["high95"] > 0.6 * SCATTER[i]
+        assert abs(one["mean"]["median"] - made.MEAN[i]) < 3 * made.SCATTER[i] / np.sqrt(JOINTS) * 1.5
+        assert one["scatter"]["low95"] < 1.2 * made.SCATTER[i]
+        assert one["scatter"]["high95"] > 0.6 * made.SCATTER[i]
         k = found["stiffness"][name]
         assert k["median"]["low95"] < k["median"]["median"] < k["median"]["high95"]
         assert k["median"]["median"] == pytest.approx(np.exp(one["mean"]["median"]), rel=0.02)
         assert k["scatter"]["median"] == pytest.approx(one["scatter"]["median"], rel=0.05)
     prior = found["coordinates"]["k11"]["prior_of_mean"]
-    assert prior["mean"] == pytest.approx((LOW[0] + HIGH[0]) / 2)
-    assert prior["sd"] == pytest.approx((HIGH[0] - LOW[0]) / np.sqrt(12))
+    assert prior["mean"] == pytest.approx((made.LOW[0] + made.HIGH[0]) / 2)
+    assert prior["sd"] == pytest.approx((made.HIGH[0] - made.LOW[0]) / np.sqrt(12))
 
 
 def test_what_is_odd_is_named_the_gravest_first(summary, rows):
@@ -248,13 +239,13 @@ def test_a_report_that_fails_leaves_the_last_one(copy, findings, monkeypatch):
 @pytest.mark.usefixtures("blank_charts")
 @pytest.mark.parametrize("joints", [0, 1, 2])
 def test_few_joints_give_a_report_without_a_population(tmp_path, joints):
-    rows, theta = campaign_rows(4, draws=60)
+    rows, theta = made.campaign_rows(4, draws=60)
     for j, row in enumerate(rows):
         if j < joints:
-            write_case(tmp_path / row["file"], theta[j])
+            made.write_case(tmp_path / row["file"], theta[j])
         else:
             row |= {"status": "failed", "error": "no data", "converged": False}
-    write_index(tmp_path, rows)
+    made.write_index(tmp_path, rows)
     write_campaign_report(tmp_path)
     found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert found["population"] is None
@@ -274,15 +265,15 @@ def springs_row(row, **cells):
 
 
 def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_no_population(tmp_path):
-    rows, theta = campaign_rows(4, draws=60)
+    rows, theta = made.campaign_rows(4, draws=60)
     limit = {"verdict": "bounded below", "limit95": 2.2e7, "words": "bounded below"}
     rows = [springs_row(row, **(limit if row is rows[1] else {})) for row in rows]
     rows[2] |= {"explains": False}
     for row, draws in zip(rows, theta, strict=True):
-        write_case(tmp_path / row["file"], draws)
+        made.write_case(tmp_path / row["file"], draws)
         with h5py.File(tmp_path / row["file"], "a") as file:
             file["log_prior"].attrs["coordinates"] = "springs"
-    write_index(tmp_path, rows)
+    made.write_index(tmp_path, rows)
     findings = examine_campaign(tmp_path)
     assert findings.joints is None
     assert set(findings.left_out.values()) == {OTHER_KIND}
@@ -306,13 +297,13 @@ def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_n
 
 
 def test_one_case_of_another_kind_among_pairs_is_named_on_page_one_and_to_be_looked_at(tmp_path, short_population):
-    rows, theta = campaign_rows(6, draws=60)
+    rows, theta = made.campaign_rows(6, draws=60)
     for row, draws in zip(rows, theta, strict=True):
-        write_case(tmp_path / row["file"], draws)
+        made.write_case(tmp_path / row["file"], draws)
     rows[0] = springs_row(rows[0])
     with h5py.File(tmp_path / rows[0]["file"], "a") as file:
         file["log_prior"].attrs["coordinates"] = "springs"
-    write_index(tmp_path, rows)
+    made.write_index(tmp_path, rows)
     findings = examine_campaign(tmp_path)
     assert findings.counts["in the population"] == 5
     assert [(look.row.key, look.reasons) for look in findings.look if look.gravity == 2] == [
@@ -333,16 +324,16 @@ def test_the_first_table_ends_where_a_page_does(tmp_path, findings):
 @pytest.mark.whole
 @pytest.mark.usefixtures("short_population")
 def test_posteriors_that_cannot_be_read_are_named(tmp_path):
-    rows, theta = campaign_rows(8, draws=60)
+    rows, theta = made.campaign_rows(8, draws=60)
     for row, draws in zip(rows, theta, strict=True):
-        write_case(tmp_path / row["file"], draws)
+        made.write_case(tmp_path / row["file"], draws)
     (tmp_path / rows[0]["file"]).unlink()
     (tmp_path / rows[1]["file"]).write_bytes(b"\x89HDF\r\n\x1a\nno more")
-    write_case(tmp_path / rows[2]["file"], theta[2], density=np.zeros((1, 3)))
-    write_case(tmp_path / rows[3]["file"], np.where(theta[3] > 0, np.nan, 0.0))
+    made.write_case(tmp_path / rows[2]["file"], theta[2], density=np.zeros((1, 3)))
+    made.write_case(tmp_path / rows[3]["file"], np.where(theta[3] > 0, np.nan, 0.0))
     shutil.move(tmp_path / rows[4]["file"], tmp_path.parent / "outside.nc")
     rows[4]["file"] = "../outside.nc"
-    write_index(tmp_path, rows)
+    made.write_index(tmp_path, rows)
     findings = examine_campaign(tmp_path)
     assert (set(findings.left_out), findings.counts["in the population"]) == ({row["key"] for row in rows[:5]}, 3)
     assert all("cannot be read" in look.reasons[0] for look in findings.look if look.gravity == 2)
@@ -350,16 +341,16 @@ def test_posteriors_that_cannot_be_read_are_named(tmp_path):
 
 def test_cases_in_other_coordinates_are_carried_over(tmp_path):
     # the same joints, some of them sampled in signed coordinates under a prior uniform there
-    rows, theta = campaign_rows(30, draws=300)
+    rows, theta = made.campaign_rows(30, draws=300)
     log, signed = jb.parametrisation_named("log"), jb.parametrisation_named("signed")
     for j, (row, draws) in enumerate(zip(rows, theta, strict=True)):
         if j % 3:
-            write_case(tmp_path / row["file"], draws)
+            made.write_case(tmp_path / row["file"], draws)
         else:
             other = signed.coordinates(log.values(draws))
-            ends = {"low": [LOW[0], LOW[2], -1.0], "high": [HIGH[0], HIGH[2], 1.0]}
-            write_case(tmp_path / row["file"], other, "signed", mean=[19.0, 12.0, 0.0], sd=[3.0, 3.0, 0.6], **ends)
-    write_index(tmp_path, rows)
+            ends = {"low": [made.LOW[0], made.LOW[2], -1.0], "high": [made.HIGH[0], made.HIGH[2], 1.0]}
+            made.write_case(tmp_path / row["file"], other, "signed", mean=[19.0, 12.0, 0.0], sd=[3.0, 3.0, 0.6], **ends)
+    made.write_index(tmp_path, rows)
     found, _ = read_draws(tmp_path, read_index(tmp_path))
     assert found.parametrisation.key == "log"
     np.testing.assert_allclose(found.draws.theta, theta, rtol=1e-9)
@@ -373,13 +364,13 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
 @pytest.mark.usefixtures("blank_charts")
 def test_a_coupling_of_either_sign_is_compared_by_its_coordinate(tmp_path):
     rng = np.random.default_rng(1)
-    rows, _ = campaign_rows(20, draws=10, dates=False)
+    rows, _ = made.campaign_rows(20, draws=10, dates=False)
     middle = np.array([22.3, 14.2, 0.0]) + [0.2, 0.1, 0.2] * rng.normal(size=(20, 3))
     for row, at in zip(rows, middle, strict=True):
         draws = at + [0.1, 0.05, 0.1] * rng.normal(size=(200, 3))
         ends = {"low": [14.0, 7.0, -1.0], "high": [25.0, 18.0, 1.0], "mean": [20.0, 12.0, 0.0], "sd": [3.0, 3.0, 0.6]}
-        write_case(tmp_path / row["file"], draws, "signed", **ends)
-    write_index(tmp_path, rows)
+        made.write_case(tmp_path / row["file"], draws, "signed", **ends)
+    made.write_index(tmp_path, rows)
     write_campaign_report(tmp_path)
     found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert list(found["outliers"]) == ["k11", "rho", "k22"]
@@ -394,11 +385,11 @@ def test_a_coupling_of_either_sign_is_compared_by_its_coordinate(tmp_path):
 @pytest.mark.whole
 @pytest.mark.usefixtures("short_population")
 def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
-    rows, theta = campaign_rows(6, draws=100)
-    theta[2, :, 0] = HIGH[0] - 0.02 * np.abs(np.random.default_rng(1).normal(size=100))
+    rows, theta = made.campaign_rows(6, draws=100)
+    theta[2, :, 0] = made.HIGH[0] - 0.02 * np.abs(np.random.default_rng(1).normal(size=100))
     for row, draws in zip(rows, theta, strict=True):
-        write_case(tmp_path / row["file"], draws)
-    write_index(tmp_path, rows)
+        made.write_case(tmp_path / row["file"], draws)
+    made.write_index(tmp_path, rows)
     look = {one.row.key: one.reasons for one in examine_campaign(tmp_path).look}
     assert "upper end of the prior of k11" in "; ".join(look[rows[2]["key"]])
     assert sum("end of the prior" in "; ".join(told) for told in look.values()) == 1
@@ -407,7 +398,7 @@ def test_draws_at_an_end_of_the_prior_are_told(tmp_path):
 @pytest.mark.parametrize("content", [None, b"", b"PAR1 no table", "table"])
 def test_what_is_no_campaign_is_refused_in_one_line(tmp_path, content):
     if content == "table":
-        write_index(tmp_path, [{"name": "x"}])
+        made.write_index(tmp_path, [{"name": "x"}])
     elif content is not None:
         (tmp_path / "index.jsonl").write_bytes(content)
     with pytest.raises(jb.MeasurementError, match=r"index.jsonl: .*expected the index") as caught:
@@ -424,11 +415,11 @@ def test_a_directory_in_the_place_of_a_file_is_refused(copy, findings, monkeypat
 
 
 def test_a_posterior_as_it_is_saved_has_what_the_report_reads(cheap_posterior, tmp_path):
-    rows, theta = campaign_rows(3, draws=50)
+    rows, theta = made.campaign_rows(3, draws=50)
     for row, draws in zip(rows[1:], theta[1:], strict=True):
-        write_case(tmp_path / row["file"], draws)
+        made.write_case(tmp_path / row["file"], draws)
     cheap_posterior.with_fewer_draws(500).save(tmp_path / rows[0]["file"])
-    write_index(tmp_path, rows)
+    made.write_index(tmp_path, rows)
     found, left_out = read_draws(tmp_path, read_index(tmp_path))
     assert not left_out
     loaded, count = jb.load_posterior(tmp_path / rows[0]["file"]), found.draws.counts[0]

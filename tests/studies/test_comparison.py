@@ -12,21 +12,7 @@ import jointbayes as jb
 from jointbayes.joint import RIGID
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.studies.compare import (
-    HYPOTHESES,
-    PriorEdge,
-    WeighedModel,
-    _answered,
-    _data_of,
-    bayes_factor_words,
-    build_comparison_report,
-    evidence_table,
-    hypothesis_problem,
-    leave_one_out,
-    model_probabilities,
-    require_same_data,
-    what_differs,
-)
+from jointbayes.studies import compare as weigh
 from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, pair_matrix
 from tests.one_line import refused
 
@@ -65,7 +51,9 @@ def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
     """A candidate whose numbers nobody computed."""
     evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
     stiffness = np.array([RIGID, 0.0, 2e5])
-    return WeighedModel("case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up")
+    return weigh.WeighedModel(
+        "case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up"
+    )
 
 
 # ---- words and probabilities
@@ -76,11 +64,11 @@ def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
     (5.99, "positive"), (6.01, "strong"), (9.99, "strong"), (10.01, "very strong"), (1e9, "very strong"),
 ])  # fmt: skip
 def test_bayes_factors_are_graded_as_by_kass_and_raftery(two_log_b, words):
-    assert bayes_factor_words(two_log_b) == words
+    assert weigh.bayes_factor_words(two_log_b) == words
 
 
 def test_probabilities_are_in_the_ratio_of_the_evidences_however_small_these_are():
-    found = model_probabilities([-5000.0, -5000.0 + np.log(3), -9000.0])
+    found = weigh.model_probabilities([-5000.0, -5000.0 + np.log(3), -9000.0])
     np.testing.assert_allclose(found, [0.25, 0.75, 0.0], atol=1e-12)
 
 
@@ -91,22 +79,22 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
     problem = cases[0].problem
     assert problem.names == ("k11", "k22", "rho")
     for hypothesis, names in YIELDING.items():
-        found = hypothesis_problem(problem, hypothesis)
+        found = weigh.hypothesis_problem(problem, hypothesis)
         assert found.names == (problem.names if names is None else names)
         assert found.test.data is problem.test.data
         for name, marginal in zip(found.names, found.prior.marginals, strict=True):
             assert marginal == problem.prior.marginals[problem.names.index(name)]
-    k11, k12, k22 = hypothesis_problem(problem, "rotation").prior.values(np.log([2e5]))
+    k11, k12, k22 = weigh.hypothesis_problem(problem, "rotation").prior.values(np.log([2e5]))
     assert (k11, k12, k22) == (RIGID, 0.0, pytest.approx(2e5))
-    refused(lambda: hypothesis_problem(problem, "loose"), jb.ModelError, "expected one of rigid, translation")
+    refused(lambda: weigh.hypothesis_problem(problem, "loose"), jb.ModelError, "expected one of rigid, translation")
 
 
 def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
     text = cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n"
     problem = jb.case_from_text("uncertain", text).problem
-    for hypothesis in HYPOTHESES:
-        assert hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
-    assert hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
+    for hypothesis in weigh.HYPOTHESES:
+        assert weigh.hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
+    assert weigh.hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
 
 
 @pytest.mark.whole
@@ -117,8 +105,8 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
         case = jb.case_from_text(name, edited(cheap_text(), ("length_mm = 383.0", f"length_mm = {length}")))
         problem = case.problem.with_test(data=data)
         cases.append(replace(case, problem=problem, stated=problem, tests=()))
-    assert _data_of(cases[0].problem) == _data_of(cases[1].problem)
-    true, short = _answered(cases, 1, lambda _: None).values()
+    assert weigh._data_of(cases[0].problem) == weigh._data_of(cases[1].problem)
+    true, short = weigh._answered(cases, 1, lambda _: None).values()
     used = [{mode.resonance for mode in problem.premises.modes} for problem in (true, short)]
     assert used[0] == used[1] != set()
     np.testing.assert_array_equal(np.sort(true.test.data.values), np.sort(short.test.data.values))
@@ -179,7 +167,7 @@ def test_the_verdict_answers_which_case_and_names_a_prior_that_decides():
     assert close.verdict == "Cannot decide between length 360 mm and 383 mm: odds 1.6 to 1."
     assert not close.decided
     assert repr(close) == f"Comparison of 2 joints: {close.verdict}"
-    edge = PriorEdge("k22", "high", 0.4)
+    edge = weigh.PriorEdge("k22", "high", 0.4)
     alone = jb.Comparison((made_up(-10.0, at_edge=(edge,)),), 1, "").verdict
     assert alone.startswith("Nothing was compared: springs in rotation only is the only joint.")
     assert "Draws pile up at an edge of the prior of k22: " in alone
@@ -199,11 +187,11 @@ def test_the_verdict_answers_which_joint_and_what_is_excluded():
 
 
 def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
-    assert what_differs(cases) == {"long": "length 383 mm", "short": "length 360 mm"}
+    assert weigh.what_differs(cases) == {"long": "length 383 mm", "short": "length 360 mm"}
     changes = ("length_mm = 360.0", "length_mm = 350.0"), ("walkers = 8", "walkers = 10")
     other = jb.case_from_text("other", frequencies_text(*changes))
-    assert what_differs([cases[0], other]) == {"long": "long", "other": "other"}
-    assert what_differs(cases[:1]) == {"long": "long"}
+    assert weigh.what_differs([cases[0], other]) == {"long": "long", "other": "other"}
+    assert weigh.what_differs(cases[:1]) == {"long": "long"}
 
 
 @pytest.mark.parametrize(("method", "pareto_k", "trusted"), [
@@ -223,15 +211,15 @@ def test_cases_of_other_data_are_refused_by_name(cases):
     with pytest.raises(jb.CaseError, match="found other data in other than in long; expected the same"):
         jb.compare([*cases, other])
     noisier = jb.case_from_text("noisier", frequencies_text(("sd_hz = 0.5", "sd_hz = 0.6")))
-    refused(lambda: require_same_data([cases[0], noisier]), jb.CaseError, "noisier")
-    refused(lambda: require_same_data([cases[0], cases[0]]), jb.CaseError, "two cases named long")
+    refused(lambda: weigh.require_same_data([cases[0], noisier]), jb.CaseError, "noisier")
+    refused(lambda: weigh.require_same_data([cases[0], cases[0]]), jb.CaseError, "two cases named long")
     refused(lambda: jb.compare([]), jb.CaseError, "found no case")
-    require_same_data(cases)
+    weigh.require_same_data(cases)
 
 
 def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap_case):
     magnitude = jb.case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
-    refused(lambda: require_same_data([cheap_case, magnitude]), jb.CaseError, "magnitude than in cheap")
+    refused(lambda: weigh.require_same_data([cheap_case, magnitude]), jb.CaseError, "magnitude than in cheap")
 
 
 # ---- prior edges
@@ -257,7 +245,7 @@ def test_a_posterior_inside_its_prior_is_not_marked(comparison):
 @pytest.fixture(scope="module")
 def rotation(cheap_case):
     """An FRF problem of one coordinate, with fine noise: every line counts."""
-    return hypothesis_problem(cheap_case.problem, "rotation")
+    return weigh.hypothesis_problem(cheap_case.problem, "rotation")
 
 
 def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
@@ -271,7 +259,7 @@ def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
     weight = np.exp(total - total.max())
     rng = np.random.default_rng(1)
     draws = rng.choice(theta[:, 0], 4000, p=weight / weight.sum())[:, None] + rng.uniform(-0.5, 0.5, (4000, 1)) * 1.7e-4
-    found = leave_one_out(rotation, draws, 1.0)
+    found = weigh.leave_one_out(rotation, draws, 1.0)
     assert found.elpd == pytest.approx(expected.sum(), abs=0.5)
     reliable = found.pareto_k < 0.5
     assert reliable.sum() > 200
@@ -283,8 +271,8 @@ def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
 
 
 def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_case):
-    problem = hypothesis_problem(cheap_case.problem, "rigid")
-    found = leave_one_out(problem, np.empty((50, 0)), 1.0)
+    problem = weigh.hypothesis_problem(cheap_case.problem, "rigid")
+    found = weigh.leave_one_out(problem, np.empty((50, 0)), 1.0)
     assert found.elpd == pytest.approx(problem.log_posterior(np.empty(0))[0])
     assert not found.pareto_k.any()
 
@@ -313,7 +301,7 @@ def test_the_summary_is_json_without_infinities_and_says_what_is_rigid(compariso
 
 
 def test_the_table_has_the_best_first_and_aligned_columns(comparison):
-    table = evidence_table(comparison.summary(), method=True)
+    table = weigh.evidence_table(comparison.summary(), method=True)
     assert table.rows[0][:2] == ("springs", "short")
     assert "best" in table.rows[0][-1]
     assert table.row_kinds[0] == "good"
@@ -324,16 +312,16 @@ def test_the_table_has_the_best_first_and_aligned_columns(comparison):
 
 
 def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(comparison):
-    report = build_comparison_report(comparison.summary())
+    report = weigh.build_comparison_report(comparison.summary())
     assert comparison.verdict in report.lead[0].text
     assert report.lead[0].kind == "good"
     log_z = comparison.best.evidence.log_z
     near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, 0.2, "exact", 1, 1.0))
-    undecided = build_comparison_report(jb.Comparison((comparison.best, near), 1, "").summary()).lead[0]
+    undecided = weigh.build_comparison_report(jb.Comparison((comparison.best, near), 1, "").summary()).lead[0]
     assert (undecided.kind, "Cannot decide" in undecided.text) == ("caution", True)
     doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
     doubt = jb.Comparison((doubtful, comparison.candidates[0]), 1, "").summary()
-    report = build_comparison_report(doubt)
+    report = weigh.build_comparison_report(doubt)
     assert report.lead[0].kind == "caution"
     assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text
 
@@ -344,7 +332,7 @@ def test_cross_validation_has_its_table_where_there_is_one():
     rows = found.summary()["candidates"]
     assert rows[1]["loo"]["difference"] == 0.0
     assert rows[0]["loo"]["difference"] == pytest.approx(rows[0]["loo"]["elpd"] - rows[1]["loo"]["elpd"])
-    report = build_comparison_report(found.summary())
+    report = weigh.build_comparison_report(found.summary())
     (section,) = [s for s in report.sections if s.identifier == "cross-validation"]
     assert section.blocks[-1].rows[0][1] == "cheap"
 
@@ -366,7 +354,7 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
     lines = result.stdout.splitlines()
     count = len(comparison.sentences)
     assert tuple(lines[:count]) == comparison.sentences
-    assert lines[count : count + 5] == evidence_table(comparison.summary(), method=True).lines()
+    assert lines[count : count + 5] == weigh.evidence_table(comparison.summary(), method=True).lines()
     assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
     listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert listed == {

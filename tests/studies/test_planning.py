@@ -10,24 +10,14 @@ import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.frf import DirectSolve
 from jointbayes.inference import ProportionalNoise
+from jointbayes.posterior import first_look
+from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.first_look import (
-    FirstLook,
-    FisherInformation,
-    FrfCandidate,
-    Linearised,
-    estimated_law,
-    fisher_information,
-    measurement_information,
-    repeated,
-    sd_of,
-    sets_of,
-    worth_simulating,
-)
 from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.knowledge import taken_as_exact
 from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.sampling import WeightedDraws, fit_proposal
+from jointbayes.studies.planning import plan_report
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import (
     Simulator,
@@ -36,15 +26,6 @@ from jointbayes.studies.planning.make_plan import (
     could_come_first,
     plan,
     stated_joint,
-)
-from jointbayes.studies.planning.plan_report import (
-    PlannedMeasurement,
-    SimulatedPosterior,
-    Simulation,
-    build_plan_report,
-    candidate_table,
-    plan_lines,
-    predictive_range,
 )
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, cli, edited, pair_matrix, shipped_text
 from tests.one_line import refused
@@ -70,9 +51,10 @@ def planned_text(*changes):
 
 
 def test_information_adds_over_independent_measurements(cheap_case):
-    both = measurement_information(accelerometer(cheap_case, "3:y", "4:y"), cheap_case.problem, TRUTH)
+    both = first_look.measurement_information(accelerometer(cheap_case, "3:y", "4:y"), cheap_case.problem, TRUTH)
     one, other = (
-        measurement_information(accelerometer(cheap_case, dof), cheap_case.problem, TRUTH) for dof in ("3:y", "4:y")
+        first_look.measurement_information(accelerometer(cheap_case, dof), cheap_case.problem, TRUTH)
+        for dof in ("3:y", "4:y")
     )
     np.testing.assert_allclose(both, one + other, rtol=1e-9, atol=1e-9 * np.abs(both).max())
     assert np.linalg.eigvalsh(one).min() > -1e-9 * np.abs(one).max()
@@ -82,16 +64,16 @@ def test_the_information_of_a_candidate_is_that_of_the_case_which_measures_it(ch
     """The extended case, its noise law at the truth, says the same as present case and candidate together."""
     extended = jb.case_from_text("both", edited(cheap_text(), ('outputs = ["5:y"]', 'outputs = ["5:y", "3:y"]')))
     candidate = accelerometer(cheap_case, "3:y", law=RelativeNoise(0.008, 0.0016))
-    added = measurement_information(candidate, cheap_case.problem, TRUTH)
-    whole = fisher_information(cheap_case.problem, TRUTH).data + added
-    np.testing.assert_allclose(whole, fisher_information(extended.problem, TRUTH).data, rtol=1e-6)
+    added = first_look.measurement_information(candidate, cheap_case.problem, TRUTH)
+    whole = first_look.fisher_information(cheap_case.problem, TRUTH).data + added
+    np.testing.assert_allclose(whole, first_look.fisher_information(extended.problem, TRUTH).data, rtol=1e-6)
 
 
 def test_a_repeated_measurement_halves_the_linearised_variance(cheap_case):
     problem = cheap_case.problem
     candidate = repeated(problem, 2.0)
-    look = FirstLook(problem, {"again": candidate}, "k22", TRUTH[None])
-    now = sd_of(fisher_information(problem, TRUTH), "k22")
+    look = first_look.FirstLook(problem, {"again": candidate}, "k22", TRUTH[None])
+    now = first_look.sd_of(first_look.fisher_information(problem, TRUTH), "k22")
     assert look.linearised(("again",)).median / now == pytest.approx(math.sqrt(0.5), rel=1e-6)
 
 
@@ -111,8 +93,10 @@ def test_simulated_repetitions_halve_the_variance_where_the_posterior_is_gaussia
     case = jb.case_from_text("joint measured", text)
     candidate = repeated(case.problem, 2.0)
     simulator = simulator_about_the_truth(case, quantity)
-    found = Simulation(tuple(simulator.posterior_after([candidate], i) for i in range(6)))
-    assert simulator.now.sd == pytest.approx(sd_of(fisher_information(case.problem, TRUTH), quantity), rel=0.1)
+    found = plan_report.Simulation(tuple(simulator.posterior_after([candidate], i) for i in range(6)))
+    assert simulator.now.sd == pytest.approx(
+        first_look.sd_of(first_look.fisher_information(case.problem, TRUTH), quantity), rel=0.1
+    )
     assert found.lost == 0
     assert found.reweighted > 0  # no more than some two bits are gained: many present draws stay effective
     assert found.median / simulator.now.sd == pytest.approx(math.sqrt(0.5), rel=0.06)
@@ -163,31 +147,34 @@ def test_averages_reduce_the_variance_of_all_frfs_in_hand_and_new_together(cheap
 
 def test_sets_are_all_there_are_or_grown_one_by_one():
     names = ("a", "b", "c")
-    assert (sets_of(names, 2, len), sets_of(names, 9, len)) == ((("a", "b"), ("a", "c"), ("b", "c")), (names,))
+    assert (first_look.sets_of(names, 2, len), first_look.sets_of(names, 9, len)) == (
+        (("a", "b"), ("a", "c"), ("b", "c")),
+        (names,),
+    )
     many = tuple(str(i) for i in range(60))
-    assert sets_of(many, 4, lambda one: -sum(map(int, one))) == (("59", "58", "57", "56"),)
+    assert first_look.sets_of(many, 4, lambda one: -sum(map(int, one))) == (("59", "58", "57", "56"),)
 
 
 def test_all_that_could_come_first_are_worth_simulating():
-    looks = [Linearised((name,), np.array(sds)) for name, sds in
+    looks = [first_look.Linearised((name,), np.array(sds)) for name, sds in
              {"first": [0.1, 0.2, 0.3], "near": [0.9, 1.1, 1.2], "far": [1.3, 2.0, 3.0]}.items()]  # fmt: skip
-    assert worth_simulating(looks[::-1], 3) == tuple(looks)
-    assert worth_simulating(looks, 2) == tuple(looks[:2])  # 0.9 / 2 ≤ 0.3 · 2 < 1.3 / 2
+    assert first_look.worth_simulating(looks[::-1], 3) == tuple(looks)
+    assert first_look.worth_simulating(looks, 2) == tuple(looks[:2])  # 0.9 / 2 ≤ 0.3 · 2 < 1.3 / 2
 
 
 def test_what_no_data_see_keeps_the_width_of_its_prior():
     names, prior = ("k11", "k12", "k22", "length"), np.diag([0.0, 0.0, 0.0, 4.0])
     data = np.diag([1.0, 1e-30, 1.0, 0.0])
-    blind = FisherInformation(names, np.zeros(4), data, prior, np.full(4, 5.0), jb.LogStiffness())
-    assert sd_of(blind, "k12") == 5.0
-    refused(lambda: sd_of(blind, "k33"), jb.ModelError, "found parameter 'k33'")
+    blind = first_look.FisherInformation(names, np.zeros(4), data, prior, np.full(4, 5.0), jb.LogStiffness())
+    assert first_look.sd_of(blind, "k12") == 5.0
+    refused(lambda: first_look.sd_of(blind, "k33"), jb.ModelError, "found parameter 'k33'")
 
 
 def test_a_range_holds_a_further_value_in_four_of_five_cases():
     values = np.random.default_rng(1).lognormal(size=(4000, 10))
-    inside = [low <= row[-1] <= high for row in values for low, high in [predictive_range(row[:-1])]]
+    inside = [low <= row[-1] <= high for row in values for low, high in [plan_report.predictive_range(row[:-1])]]
     assert np.mean(inside) == pytest.approx(0.8, abs=0.02)
-    assert all(math.isnan(end) for end in predictive_range([]))
+    assert all(math.isnan(end) for end in plan_report.predictive_range([]))
 
 
 def test_a_noise_law_is_estimated_from_the_variance(cheap_case):
@@ -322,8 +309,8 @@ def test_an_assumed_joint_is_stated_by_the_names_of_all_its_quantities():
 
 def simulated(*sds, verdict="weakly identified"):
     """Made-up simulations; None is a posterior that was not found."""
-    return Simulation(
-        tuple(None if sd is None else SimulatedPosterior(sd, verdict, 500.0, "reweighting") for sd in sds)
+    return plan_report.Simulation(
+        tuple(None if sd is None else plan_report.SimulatedPosterior(sd, verdict, 500.0, "reweighting") for sd in sds)
     )
 
 
@@ -332,15 +319,15 @@ def planned(converged=True, **simulations):
     text = edited(planned_text(), ('"3:y", "5:rz"', '"1:y", "2:y", "3:y"'))
     candidates = candidates_of(jb.case_from_text("made up", text))
     measurements = [
-        PlannedMeasurement(
+        plan_report.PlannedMeasurement(
             (candidate,),
-            Linearised((candidate.name,), np.array([1.0 if letter in simulations else 0.001])),
+            first_look.Linearised((candidate.name,), np.array([1.0 if letter in simulations else 0.001])),
             simulations.get(letter),
         )
         for letter, candidate in zip("abc", candidates, strict=False)
     ]
     measurements.sort(key=lambda one: one.rank)
-    now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
+    now = plan_report.SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
     return jb.Plan("made up", "Made up", 1, "k12", now, tuple(measurements), converged, "why")
 
 
@@ -364,7 +351,7 @@ def test_what_was_not_simulated_is_never_recommended():
     """Its linearised figure is a hundred times better than all that was simulated."""
     found = planned(c=simulated(0.5, 0.5))
     assert found.recommended.names == ("3:y",)
-    rows = candidate_table(found.summary()).rows
+    rows = plan_report.candidate_table(found.summary()).rows
     assert [row[0] for row in rows] == ["3:y (recommended)", "1:y", "2:y", "(now)"]
     assert rows[1][2:] == ("about ±0.2 %", "–", "–", "not simulated")
     assert rows[0][2:4] == ("0.38 to 2.7 times", "0.38 to 2.7 times and 0.38 to 2.7 times")
@@ -378,7 +365,7 @@ def test_a_candidate_of_which_many_posteriors_were_not_found_is_not_ranked():
     found = planned(a=simulated(0.1, 0.1, None, None), b=simulated(0.5, 0.5, 0.5, 0.5))
     assert found.recommended.names == ("2:y",)
     assert "too many simulations failed: 1:y" in found.notes[0]
-    rows = {row[0]: row for row in candidate_table(found.summary()).rows}
+    rows = {row[0]: row for row in plan_report.candidate_table(found.summary()).rows}
     assert rows["1:y"][-1] == "2 of 4 simulations failed"
 
 
@@ -387,7 +374,7 @@ def test_a_plan_says_what_the_case_takes_as_exact():
     assert found.notes == ()
     words = "This plan takes density and length as exact: where that is not so, less will be known."
     assert replace(found, exact="density and length").notes == (words,)
-    assert words in plan_lines(replace(found, exact="density and length"))
+    assert words in plan_report.plan_lines(replace(found, exact="density and length"))
     stated = jb.case_from_text("case", shipped_text("clamped_beam"))
     exact = "Young's modulus, density, length and damping ratio"
     assert listed(taken_as_exact(stated.problem, stated.workshop_problem)) == exact
@@ -403,7 +390,7 @@ def test_nothing_is_recommended_that_does_not_help_or_is_of_draws_that_have_not_
     of = planned(**{name: simulated(*sds) if isinstance(sds, tuple) else sds for name, sds in found.items()})
     assert of.recommended is None
     assert of.sentence.startswith(sentence)
-    assert build_plan_report(of.summary()).lead[0].kind == kind
+    assert plan_report.build_plan_report(of.summary()).lead[0].kind == kind
 
 
 def test_those_whose_range_overlaps_that_of_the_first_are_simulated_further():
@@ -418,7 +405,9 @@ def test_the_best_simulated_comes_first_and_what_was_only_looked_at_last():
     found = planned(a=simulated(0.3, 0.5), b=simulated(0.1, 0.2))  # of the third a first look of 0.001
     assert [one.names for one in found.measurements] == [("2:y",), ("1:y",), ("3:y",)]
     assert [one.ranked for one in found.measurements] == [True, True, False]
-    (later,) = (replace(one, linearised=Linearised(("5:y",), np.array([0.002]))) for one in found.measurements[2:])
+    (later,) = (
+        replace(one, linearised=first_look.Linearised(("5:y",), np.array([0.002]))) for one in found.measurements[2:]
+    )
     assert later.rank > found.measurements[2].rank
 
 
@@ -437,14 +426,14 @@ def test_a_plan_repeats_itself_and_leads_to_a_report(cheap_posterior):
     assert len(plan.measurements) == 6  # three alone, three pairs
     assert plan.now.sd == pytest.approx(np.log(cheap_posterior.values("k12")).std(), rel=1e-9)
     assert [now.done for now in told if now.stage == "simulating"] == list(range(1, 25))
-    assert set(plan.sentences) <= set(plan_lines(plan))
-    report = build_plan_report(summary, plan.tested)
+    assert set(plan.sentences) <= set(plan_report.plan_lines(plan))
+    report = plan_report.build_plan_report(summary, plan.tested)
     assert (report.lead[0].text, report.lead[0].kind) == (plan.sentence, "good")
     assert [block.text for block in report.lead[1:-2]] == list(plan.notes)
     assert [block.identifier for block in report.lead[-2:]] == ["structure", "plan"]
-    assert plan_lines(plan)[: len(plan.sentences)] == list(plan.sentences)
+    assert plan_report.plan_lines(plan)[: len(plan.sentences)] == list(plan.sentences)
     assert plan.notes[-1].startswith("This plan takes Young's modulus, density, length and damping ratio as exact")
-    rows = candidate_table(summary).rows
+    rows = plan_report.candidate_table(summary).rows
     assert [row[0].removesuffix(" (recommended)") for row in rows[:-1]] == [one.label for one in plan.measurements]
     assert any(row[:2] == ("3:y", "191.5 mm") for row in rows)
 
@@ -457,7 +446,7 @@ def test_without_simulations_or_draws_that_converged_there_is_only_a_first_look(
     plan = jb.plan(jb.case_from_text("cheap", planned_text()), posterior, simulations=simulations)
     assert plan.recommended is None
     assert all(one.simulation is None for one in plan.measurements)
-    build_plan_report(plan.summary())
+    plan_report.build_plan_report(plan.summary())
 
 
 def test_the_posterior_of_other_parameters_is_refused(cheap_posterior):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.errors import CaseError
 from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information, measurement_information
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -119,7 +118,7 @@ def test_a_first_look_counts_errors_of_the_model_at_their_usual_size():
 
 def test_keys_of_frfs_are_refused_beside_modes():
     with pytest.raises(
-        CaseError, match=r"plan\.averages_factor: found it beside natural frequencies; expected data of"
+        jb.CaseError, match=r"plan\.averages_factor: found it beside natural frequencies; expected data of"
     ):
         case_of(FREQUENCIES + PLAN + "averages_factor = 4.0\n")
 

@@ -8,9 +8,8 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
-from jointbayes.inference.noise.student_t import StudentNoise
-from jointbayes.posterior.first_look import FirstLook, FrfCandidate, WithOwn, fisher_information, own_of
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
+from jointbayes.posterior.candidate import FrfCandidate
+from jointbayes.posterior.first_look import FirstLook, WithOwn, fisher_information, own_of
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
 from jointbayes.studies.planning.plan_report import plan_lines
@@ -27,8 +26,10 @@ MARGINALS = tuple(Uniform(np.log(k) - 3, np.log(k) + 3) for k in TABLE_3)
 
 
 def beams(length):
-    recipe = BeamRecipe(length, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
-    return BeamFamily(recipe, {"youngs_modulus": (-0.12, 0.12), "length": (-0.012, 0.012)})
+    recipe = jb.BeamRecipe(
+        length, jb.Section.circle(0.025), jb.BeamMaterial(2.1e11, 0.3, 7800.0), jb.ModalDamping((0.01,))
+    )
+    return jb.BeamFamily(recipe, {"youngs_modulus": (-0.12, 0.12), "length": (-0.012, 0.012)})
 
 
 def measured(length, seed=None):
@@ -263,5 +264,5 @@ def test_a_test_proposed_beside_measured_data_has_the_tails_of_their_estimated_v
     text = path.read_text(encoding="utf-8") + "\n[plan.tests.short.structure]\nlength_mm = 300.0\n"
     case = jb.case_from_text(name, text, directory=CONFIGS)
     (short,) = (one for one in candidates_of(case) if one.test == "short")
-    assert isinstance(case.problem.test.noise, StudentNoise)
+    assert isinstance(case.problem.test.noise, jb.StudentNoise)
     assert short.noise == case.problem.test.noise

@@ -9,7 +9,6 @@ from benchmarks import same_joint
 from benchmarks.same_joint import compared, pair_of
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
 from jointbayes.progress import tell_nobody
 from jointbayes.studies import same
 from jointbayes.studies.same import Change, JointChange, compare_joints
@@ -96,10 +95,12 @@ def test_another_structure_shares_nothing_and_another_joint_is_refused():
     assert {"density", "length", "youngs_modulus"} < set(own.names)
     assert own.names[:4] == ("before.ky", "before.krz", "new.ky", "new.krz")
     clamp = jb.load_case(same_joint.CONFIGS / "clamped_beam.toml").problem
-    with pytest.raises(ModelError, match=r"same: found .*; expected one joint, tested twice; state both alike"):
+    with pytest.raises(jb.ModelError, match=r"same: found .*; expected one joint, tested twice; state both alike"):
         compare_joints(one, clamp, 1, tell_nobody)
     several = jb.load_case(same_joint.CONFIGS / "two_overhangs.toml").problem
-    with pytest.raises(ModelError, match=r"same: found the tests long, short in .*; expected one; give a case of each"):
+    with pytest.raises(
+        jb.ModelError, match=r"same: found the tests long, short in .*; expected one; give a case of each"
+    ):
         compare_joints(several, clamp, 1, tell_nobody)
 
 

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign.campaign_findings import OTHER_KIND, examine_campaign, read_draws
 from jointbayes.studies.campaign.campaign_run import read_cases
@@ -53,7 +52,7 @@ def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
 def test_a_calibration_of_tests_needs_data_of_the_same_tests():
     two, other = case_of(TWO).problem, case_of(TWO.replace("long", "tall")).problem
     require_simulable(two, case_of(CLAMP_EDGE + TWO).problem)
-    refused(lambda: require_simulable(two, other), MeasurementError, "has other tests than case")
+    refused(lambda: require_simulable(two, other), jb.MeasurementError, "has other tests than case")
 
 
 @pytest.mark.science
@@ -77,8 +76,10 @@ def test_each_test_is_measured_in_a_virtual_test(tmp_path):
     model = part.test.receptance_model(jb.Ports(lines, ("6:y",), ("11:y",)))
     exact = model.receptance(part.prior.matrix(np.log(TABLE_3)[None]))[0]
     assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
-    refused(lambda: simulate(case, seed=1), CaseError, "expected one of long, short, heard")
-    with pytest.raises(CaseError, match=r"^case:\d+: tests.heard.data.kind: found \"natural_frequencies\"; expected"):
+    refused(lambda: simulate(case, seed=1), jb.CaseError, "expected one of long, short, heard")
+    with pytest.raises(
+        jb.CaseError, match=r"^case:\d+: tests.heard.data.kind: found \"natural_frequencies\"; expected"
+    ):
         simulate(case, test="heard", seed=1)
 
 
@@ -119,7 +120,7 @@ def test_cases_are_compared_on_the_data_of_all_their_tests():
     first, same = case_of(TWO), jb.case_from_text("same", CLAMP_EDGE + BASE + TWO)
     require_same_data([first, same])
     other = jb.case_from_text("other", BASE + TWO.replace("200.0", "201.0"))
-    refused(lambda: require_same_data([first, other]), CaseError, "found other data in other")
+    refused(lambda: require_same_data([first, other]), jb.CaseError, "found other data in other")
 
 
 #: Quick to sample: little noise, and few walkers.
@@ -182,7 +183,7 @@ def test_files_of_tests_make_a_campaigns_case_and_stay_inside(tmp_path):
     _, spec = case.read()
     assert [file.name for file in case.files(spec)].count("second.uff") == 1
     case_file.write_text(MEASURED_TESTS.replace("second.uff", "../second.uff"), encoding="utf-8")
-    with pytest.raises(CaseError, match=r'tests.second.data.file: found "../second.uff", which leads out'):
+    with pytest.raises(jb.CaseError, match=r'tests.second.data.file: found "../second.uff", which leads out'):
         read_cases([case_file])
 
 
@@ -200,4 +201,4 @@ def test_cases_whose_tests_have_joints_of_their_own_say_why_they_are_in_no_popul
 def test_published_values_are_those_of_joints_that_tests_share():
     reference = '[reference]\nk11 = 5e9\nk12 = 3e7\nk22 = 1.5e6\nsource = "a paper"\n'
     assert case_of(reference + TWO).reference is not None
-    refused(lambda: case_of(reference + TORQUES, OWN), CaseError, "reference: found stiffnesses to compare with")
+    refused(lambda: case_of(reference + TORQUES, OWN), jb.CaseError, "reference: found stiffnesses to compare with")

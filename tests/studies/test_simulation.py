@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from jointbayes.case.case import Case, case_from_text
+import jointbayes as jb
 from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.cli.commands import main
-from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import DirectSolve, Ports
 from jointbayes.studies.simulated_test import Truth, describe, simulate
 from tests.conftest import TABLE_3, cheap_text, cli, edited, pair_matrix
@@ -19,13 +18,12 @@ from vibrecords.formats import FORMATS, detect_format, iter_records
 from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits
 from vibrecords.simulated import noisy_frf
-from vibrecords.variance import coherence_variance
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 
 
-def virtual_case(*changes: tuple[str, str], table: str = "") -> Case:
-    return case_from_text("virtual", edited(cheap_text(), *changes) + f"\n[virtual_test]\n{table}\n")
+def virtual_case(*changes: tuple[str, str], table: str = "") -> jb.Case:
+    return jb.case_from_text("virtual", edited(cheap_text(), *changes) + f"\n[virtual_test]\n{table}\n")
 
 
 def as_set(records: list[Record]) -> FrfSet:
@@ -84,7 +82,7 @@ def test_noise_and_coherence_are_those_of_h1_from_the_averages_themselves(averag
     for quantile in (0.05, 0.5, 0.95):
         assert np.quantile(short.coherence, quantile) == pytest.approx(np.quantile(coherence, quantile), rel=0.02)
     assert np.mean(np.abs(short.values - (2 - 1j)) ** 2) == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
-    assert coherence_variance(short).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
+    assert jb.coherence_variance(short).mean() == pytest.approx(law.variance(true.values)[0, 0, 0], rel=0.03)
 
 
 def test_one_average_has_no_coherence():
@@ -111,7 +109,7 @@ def test_the_same_seed_gives_the_same_test():
 
 
 def test_a_case_without_a_truth_cannot_be_simulated(frequency_case):
-    with pytest.raises(CaseError, match=r'frequencies:\d+: data.kind: found "natural_frequencies"; expected'):
+    with pytest.raises(jb.CaseError, match=r'frequencies:\d+: data.kind: found "natural_frequencies"; expected'):
         simulate(frequency_case, seed=1)
 
 
@@ -141,7 +139,7 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
     lines = np.array(case.spec.data.lines_hz())
     assert_allclose(found.frequency_hz, lines, rtol=1e-9)
     true = Truth(case).frf(lines, ("5:y", "3:y")).values
-    z = np.abs(found.values - true) ** 2 / coherence_variance(found)
+    z = np.abs(found.values - true) ** 2 / jb.coherence_variance(found)
     # Student-t with 2(n − 1) = 22 degrees of freedom: mean 22/20
     assert z.mean() == pytest.approx(1.1, abs=0.25)
 
@@ -154,7 +152,7 @@ def test_other_laws_of_damping_are_tested_as_well(law, key):
     case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
     found = as_set(simulate(case, seed=4))
     true = Truth(case).frf(found.frequency_hz, ("5:y",)).values
-    z = np.abs(found.values - true) ** 2 / coherence_variance(found)
+    z = np.abs(found.values - true) ** 2 / jb.coherence_variance(found)
     assert z.mean() == pytest.approx(1.125, abs=0.3)
 
 
@@ -183,7 +181,7 @@ def test_a_structure_without_damping_rings_for_ever_and_is_refused():
     undamped = virtual_case(
         ("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"), table='method = "impact"'
     )
-    refused(lambda: simulate(undamped, seed=1), MeasurementError, "without damping")
+    refused(lambda: simulate(undamped, seed=1), jb.MeasurementError, "without damping")
 
 
 # command line
