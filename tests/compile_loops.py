@@ -17,8 +17,7 @@ def main() -> None:
     for name in CASES:
         posterior = jb.load_case(CONFIGS / f"{name}.toml").problem.log_posterior
         draws = posterior.prior.sample(np.random.default_rng(1), 64)
-        best = draws[np.argmax(posterior(draws))][None]
-        posterior.predicted(best)
+        posterior.predicted(draws[np.argmax(posterior(draws))][None])
 
 
 if __name__ == "__main__":

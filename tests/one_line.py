@@ -1,7 +1,7 @@
 """What cannot be is refused in one line that says what was expected."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Container
 
 import pytest
 
@@ -14,3 +14,8 @@ def refused(make: Callable[[], object], kind: type[Exception], words: str = "exp
     assert words in message or re.search(words, message), message
     assert "expected" in message
     assert "\n" not in message
+
+
+def says(text: Container[object], *words: object) -> None:
+    """Hold a text, or what else may hold something, against all that it has to hold."""
+    assert [word for word in words if word not in text] == []

@@ -24,6 +24,7 @@ from benchmarks.samplers import emcee_rows, extrapolated, row
 
 import jointbayes as jb
 from jointbayes.inference import LogPosterior
+from tests.one_line import says
 
 pytestmark = pytest.mark.docs
 
@@ -55,8 +56,7 @@ def test_a_peer_computes_the_same_likelihood(quick, law, peer):
     matrices, problem = some_joints(quick[law]), quick[law].problem
     test = peers.Test(problem)
     # every mode of the same elements, as the peers have them; to a sampler the reduced model is the same
-    whole = problem.with_test(structure=test.structure.reference())
-    likelihood = whole.log_posterior.likelihood
+    likelihood = problem.with_test(structure=test.structure.reference()).log_posterior.likelihood
     expected = likelihood.log_likelihood(matrices)
     # ln L is the difference of its constant and χ²/2: digits are lost from those, not from what is left
     np.testing.assert_allclose(peer(test)(matrices), expected, rtol=1e-8, atol=1e-8 * abs(likelihood.constant))
@@ -195,9 +195,7 @@ def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp
     monkeypatch.setattr(record, "PAGE", tmp_path / "never.md")
     likelihood.main(["--quick"])
     printed = capsys.readouterr().out
-    assert "| jointbayes |" in printed
-    assert "jointbayes, joint of 6 DOFs, modal" in printed
-    assert "jointbayes, joint of 12 DOFs, loss_factor" in printed
+    says(printed, "| jointbayes |", "jointbayes, joint of 6 DOFs, modal", "jointbayes, joint of 12 DOFs, loss_factor")
     assert "| jointbayes, likelihood of joint matrices alone |" in printed
     assert not list(tmp_path.iterdir())
 
@@ -231,8 +229,7 @@ def test_a_case_of_every_kind_is_read(kind, form, tmp_path):
     problem = jb.load_case(every_kind.case_of(kind, form, 0, tmp_path)).problem
     assert (problem.test.data.frfs is not None) is (form == "FRFs")
     if kind == "usual" and form == "frequencies":  # the case is right: some joint of its prior meets all four
-        effort = jb.find_map(problem, seed=1).effort
-        assert effort.explains
+        assert jb.find_map(problem, seed=1).effort.explains
 
 
 def test_the_table_of_run_times_counts_reports_and_ratios():
@@ -257,8 +254,7 @@ def test_the_table_of_quadrature_counts_what_was_reduced_and_what_was_good():
     assert "| clamped_beam | 3 | 996 | 16 | 5.0e-03 | 5.0 | 4.0 |" in text
     assert "| 2 random beams | 2 to 3 | 996 to 1992 | 16 to 20 | 3.0e-02 | 5.0 | 4.0 to 4.5 |" in text
     assert "| whole |" not in text
-    assert "Of 4 problems 3 were reduced" in text
-    assert "2000 draws each, 1 had ln p within 0.01" in text
+    says(text, "Of 4 problems 3 were reduced", "2000 draws each, 1 had ln p within 0.01")
 
 
 def test_quadrature_is_tried_on_a_shipped_case():

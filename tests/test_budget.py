@@ -84,15 +84,13 @@ def test_a_search_ends_with_the_best_that_it_has(cheap_case):
     problem = cheap_case.problem.with_test(data=wrong)
     search = ModeSearch(problem.log_posterior, budget=Budget(ALMOST_NONE))
     search.climb(first_starts(problem, 1))
-    effort = search_further(search, problem, 1, told.append)
-    assert effort.rounds == 0
+    assert search_further(search, problem, 1, told.append).rounds == 0
     assert np.isfinite(search.estimate().log_posterior)
     assert any("stopped after 1e-09 s of processor time" in str(progress) for progress in told)
 
 
 def test_a_run_out_of_time_is_reported_with_its_draws(cheap_case):
-    text = edited(cheap_text(), ("[sampling]", "[sampling]\nbudget_s = 7"))
-    case = jb.case_from_text("cheap", text)
+    case = jb.case_from_text("cheap", edited(cheap_text(), ("[sampling]", "[sampling]\nbudget_s = 7")))
     assert case.sampler.budget_s == 7
     posterior = jb.sample(case, seed=1, settings=replace(case.sampler, budget_s=ALMOST_NONE))
     assert not posterior.converged

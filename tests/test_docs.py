@@ -72,8 +72,7 @@ def test_every_key_of_the_case_file_is_documented_in_its_table_with_its_default(
 
 def _tiny_posterior(data: str) -> tuple[jb.Case, Posterior]:
     """Build a posterior from made-up draws: only the form of its summary matters here."""
-    text = shipped_text(data).replace("f_step_hz = 1.0", "f_step_hz = 500.0")
-    case = jb.case_from_text(data, text)
+    case = jb.case_from_text(data, shipped_text(data).replace("f_step_hz = 1.0", "f_step_hz = 500.0"))
     return case, posterior_about(case, case.problem.parametrisation.coordinates(TABLE_3), np.full(3, 0.01))
 
 

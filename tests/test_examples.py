@@ -43,8 +43,7 @@ def test_the_interval_of_every_stiffness_holds_what_made_the_data(name):
 def test_the_springs_that_made_the_data_come_back_at_the_map(name, most_sds, most_sd, most_error):
     case, truth = jb.load_case(numbers.CONFIGS / f"{name}.toml"), numbers.truth(numbers.shipped()[name])
     found = jb.find_map(case)
-    names = case.problem.parametrisation.stiffness_names
-    error = np.abs(np.log(found.values / [truth[k] for k in names]))
+    error = np.abs(np.log(found.values / [truth[k] for k in case.problem.parametrisation.stiffness_names]))
     sd = np.sqrt(np.diag(found.covariance))
     assert (error < most_sds * sd).all()
     assert sd.max() < most_sd

@@ -32,5 +32,4 @@ def test_a_sample_has_a_case_that_validates_after_one_round_and_one_of_them_a_re
 @pytest.mark.science
 @pytest.mark.long
 def test_every_newcomer_has_a_report_within_two_rounds():
-    newcomers = first_hour()
-    assert [n.said for n in newcomers if n.rounds is None or n.rounds > ROUNDS] == []
+    assert [n.said for n in first_hour() if n.rounds is None or n.rounds > ROUNDS] == []

@@ -87,8 +87,7 @@ def test_the_pages_quote_the_record_at_all():
 def test_a_changed_number_in_a_page_is_noticed(record):
     readme = quoted.pages()[0].read_text(encoding="utf-8")
     found = quoted.INLINE.search(readme)
-    changed = readme[: found.start(3)] + "9" + readme[found.start(3) :]
-    assert quoted.written(changed, record) == readme
+    assert quoted.written(readme[: found.start(3)] + "9" + readme[found.start(3) :], record) == readme
     page = (numbers.ROOT / "docs" / "examples" / "lapped-beams.md").read_text(encoding="utf-8")
     terminal = page.replace("bolt.ky: ", "bolt.ky: 1", 1)
     assert terminal != page

@@ -38,8 +38,7 @@ def asked(tmp_path_factory):
 def test_a_first_posterior_from_arrays_finds_the_truth_with_five_names(asked):
     text = (CONFIGS.parent / "examples" / "five_questions.py").read_text(encoding="utf-8")
     first = text[text.index("def measured") : text.index("def ask_arviz")] + "jb.sample("
-    names = set(re.findall(r"jb\.(\w+)", first))
-    assert names == {"FrfData", "LossFactor", "Problem", "Structure", "sample"}
+    assert set(re.findall(r"jb\.(\w+)", first)) == {"FrfData", "LossFactor", "Problem", "Structure", "sample"}
     low, high = np.quantile(asked["posterior"]["k22"], [0.0005, 0.9995])
     assert low < TRUTH[2] < high
 
@@ -94,8 +93,7 @@ class Scaled:
         return z / np.reshape(hyper, (-1, 1))[:, 0, None, None]
 
     def draw(self, rng, hyper, lines, pairs):
-        n = len(np.atleast_2d(hyper))
-        white = rng.normal(size=(n, lines, pairs, 2)) @ [1, 1j] / np.sqrt(2)
+        white = rng.normal(size=(len(np.atleast_2d(hyper)), lines, pairs, 2)) @ [1, 1j] / np.sqrt(2)
         return np.reshape(hyper, (-1, 1))[:, 0, None, None] * white
 
 

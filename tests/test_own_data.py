@@ -16,7 +16,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import ReportSection, Table
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
-from tests.one_line import refused
+from tests.one_line import refused, says
 from vibrecords import Data, FrfSet
 
 
@@ -102,8 +102,7 @@ def posterior(problem):
 
 def test_the_example_predicts_what_solving_the_structure_with_its_joint_gives(problem):
     wanted = DirectSolve(BEAM, CLAMP, Ports(np.zeros(1), DOFS, DOFS)).receptance(pair_matrix(TABLE_3)[None])[0, 0].real
-    found = problem.log_posterior.predicted(np.log(TABLE_3))[0]
-    np.testing.assert_allclose(found, wanted.ravel(), rtol=1e-8)
+    np.testing.assert_allclose(problem.log_posterior.predicted(np.log(TABLE_3))[0], wanted.ravel(), rtol=1e-8)
 
 
 def test_find_map_finds_the_joint_of_data_of_ones_own(problem):
@@ -139,16 +138,14 @@ def test_a_file_says_that_it_cannot_hold_data_of_ones_own_and_takes_the_problem(
     with pytest.raises(jb.ModelError, match=r"problem\.tests\[0\]\.data \(StaticDeflections\).*problem=") as refused:
         jb.load_posterior(path)
     assert "\n" not in str(refused.value)
-    again = jb.load_posterior(path, problem=posterior.problem)
-    np.testing.assert_array_equal(again.theta, posterior.theta)
+    np.testing.assert_array_equal(jb.load_posterior(path, problem=posterior.problem).theta, posterior.theta)
 
 
 @pytest.mark.whole
 def test_the_report_has_the_section_of_data_of_ones_own(posterior, tmp_path):
     jb.write_report(posterior, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-    assert "Static deflections" in page
-    assert "5:y/1:rz" in page
+    says(page, "Static deflections", "5:y/1:rz")
 
 
 def test_data_of_ones_own_stand_beside_frfs_and_are_simulated_for_a_calibration(problem):
@@ -161,8 +158,7 @@ def test_data_of_ones_own_stand_beside_frfs_and_are_simulated_for_a_calibration(
     assert (np.diag(together.covariance) < np.diag(alone.covariance)).all()
     assert tests[0].data.in_short() == "static deflections"
     simulated = simulated_problem(both, both, together.theta, np.random.default_rng(2)).tests[0].data
-    away = (simulated.deflection - problem.test.data.deflection) / simulated.sd
-    assert 0.2 < np.abs(away).max() < 6
+    assert 0.2 < np.abs((simulated.deflection - problem.test.data.deflection) / simulated.sd).max() < 6
 
 
 def test_data_of_ones_own_that_are_measured_elsewhere_do_not_stand_for_these(problem):

@@ -30,8 +30,7 @@ def test_a_csv_of_ones_own_leads_to_a_report_in_three_commands():
 @pytest.mark.docs
 def test_a_changed_output_is_noticed():
     text = next(page for page in PAGES if page.stem == "first-file").read_text(encoding="utf-8")
-    changed = text.replace("averages: 10", "averages: 11", 1)
-    assert made(changed, long=False) == text
+    assert made(text.replace("averages: 10", "averages: 11", 1), long=False) == text
 
 
 @pytest.mark.docs

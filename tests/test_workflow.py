@@ -81,8 +81,7 @@ def test_a_problem_of_arrays_has_the_density_of_a_dense_solution():
     theta = np.log(TRUTH) + np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.05]])
     for row, found in zip(theta, problem.log_posterior.log_likelihood(theta), strict=True):
         misfit = np.abs(receptances(*np.exp(row)) - data.frf.values) ** 2 / data.variance
-        expected = -(np.log(np.pi * data.variance) + misfit).sum()
-        assert found == pytest.approx(expected, rel=1e-9)
+        assert found == pytest.approx(-(np.log(np.pi * data.variance) + misfit).sum(), rel=1e-9)
 
 
 def test_draws_are_asked_by_name(sampled):
@@ -130,13 +129,11 @@ def test_lists_and_sparse_matrices_serve_as_well_and_stay_as_they_are():
 
 
 def test_map_and_draws_of_a_problem_of_arrays_find_the_truth(sampled):
-    problem = from_arrays()
-    estimate = jb.find_map(problem)
+    estimate = jb.find_map(from_arrays())
     sd = np.sqrt(np.diag(estimate.covariance))
     assert (np.abs(np.log(estimate.values / TRUTH)) < 4 * sd).all()
     assert (sampled.record.case_name, sampled.record.case_text) == ("rod", "")
-    draws = np.log(sampled.stiffness)
-    np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.3)
+    np.testing.assert_allclose(np.log(sampled.stiffness).std(axis=0), sd, rtol=0.3)
     assert "[[Posterior of 'rod']]" in str(sampled.summary())
 
 
@@ -358,8 +355,7 @@ def test_own_priors_and_terms_act_on_draws_and_map_as_on_a_grid(kind):
     prior, extra = OWN[kind]
     problem = one_spring(prior, extra)
     theta, density = on_grid(prior, extra)
-    estimate = jb.find_map(problem)
-    assert estimate.theta[0] == pytest.approx(theta[np.argmax(density)], abs=2e-3)
+    assert jb.find_map(problem).theta[0] == pytest.approx(theta[np.argmax(density)], abs=2e-3)
     posterior = jb.sample(problem, seed=2, settings=jb.SamplerSettings(walkers=32, max_steps=2000))
     assert posterior.converged
     mean = theta @ density

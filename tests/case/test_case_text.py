@@ -107,8 +107,7 @@ def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_pa
 def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
     case = write(tmp_path / "here", case='extends = "../base.toml"\n')
     (tmp_path / "base.toml").write_text(BASE)
-    data = read_case_text(case, allow_outside=True).data
-    assert data["data"]["file"] == "../tip.uff"
+    assert read_case_text(case, allow_outside=True).data["data"]["file"] == "../tip.uff"
 
 
 def test_every_file_that_a_base_elsewhere_names_is_found_from_the_case(tmp_path):
@@ -126,8 +125,7 @@ file = "1:y"
 file = "nose.uff"
 """
     tables += '[tests.hot.structure]\nmass = "M.npy"\n[tests.hot.bodies.file]\nfile = "c.uff"\n'
-    case = write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')
-    data = read_case_text(case).data
+    data = read_case_text(write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')).data
     assert (data["structure"]["stiffness"], data["structure"]["mass"]) == ("sub/K.npy", [[1.0]])
     assert data["structure"]["damping"] == {"law": "matrix", "damping_matrix": "sub/C.csv"}
     assert data["data"] == {"file": ["sub/a.uff", "b.uff"], "channels": {"file": "1:y"}}

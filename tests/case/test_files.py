@@ -114,9 +114,7 @@ def test_the_posterior_does_not_depend_on_the_quantity_of_the_file(tmp_path, var
         data = frf_data('outputs = ["5:y"]', variance=variance)
         case = loaded(folder, data, ("ratio = 0.01", 'ratio = "measured"'))
         assert case.problem.test.data.frf.quantity == quantity
-        prior = case.problem.prior
-        theta = prior.sample(np.random.default_rng(2), 200)
-        values = case.problem.log_posterior(theta)
+        values = case.problem.log_posterior(case.problem.prior.sample(np.random.default_rng(2), 200))
         inside = np.isfinite(values)
         assert inside.sum() > 20
         densities.append((values - values[inside][0])[inside])
@@ -136,8 +134,7 @@ def test_band_and_thinning_choose_the_lines(tmp_path):
 
 
 def test_the_quantity_of_the_case_wins_and_the_contradiction_is_said(tmp_path):
-    frf = virtual()
-    stored(frf, tmp_path / "tip.npz")
+    stored(virtual(), tmp_path / "tip.npz")
     case = loaded(tmp_path, frf_data('quantity = "mobility"'))
     assert case.problem.test.data.frf.quantity == "mobility"
     assert any("the file says accelerance" in str(w) and "the case mobility" in str(w) for w in case.warnings)
@@ -233,8 +230,7 @@ def test_stations_give_the_rotation_that_the_iteration_needs_and_stay_in_the_lik
     case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
     assert case.problem.test.data.frf.outputs == ("5:y", "1:y", "2:y")
     assert case.problem.test.data.joint_frf.outputs == ("5:y", "1:y", "2:y", "1:rz")
-    spacing = 0.383 / 4
-    derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / spacing
+    derived = (frf.frf("2:y", "5:y") - frf.frf("1:y", "5:y")) / (0.383 / 4)
     np.testing.assert_allclose(case.problem.test.data.joint_frf.frf("1:rz", "5:y"), derived, rtol=1e-10)
     assert jb.identify(case).steps > 0
 
@@ -334,10 +330,8 @@ def test_stations_find_the_joint_and_a_rotation_by_coarse_differences_does_not(c
     assert stations.problem.test.data.frf.outputs == ("11:y", "1:y", "2:y", "3:y")
     assert rotation.problem.test.data.frf.outputs == ("11:y", "1:rz")
     assert stations.problem.test.data.joint_frf.outputs == ("11:y", "1:y", "2:y", "3:y", "1:rz")
-    found = best_of(stations.problem.log_posterior, start).values
-    np.testing.assert_allclose(found, TABLE_3, rtol=0.005)
-    biased = best_of(rotation.problem.log_posterior, start).values
-    assert np.abs(biased / TABLE_3 - 1).max() > 0.1
+    np.testing.assert_allclose(best_of(stations.problem.log_posterior, start).values, TABLE_3, rtol=0.005)
+    assert np.abs(best_of(rotation.problem.log_posterior, start).values / TABLE_3 - 1).max() > 0.1
 
 
 @pytest.fixture(scope="module")
@@ -513,8 +507,7 @@ def test_a_conjugated_file_is_named_everywhere_and_its_remedy_gives_the_right_da
     stored(frf, tmp_path / "tip.npz")
     assert not loaded(tmp_path, frf_data()).warnings
     stored(replace(frf, values=frf.values.conj()), tmp_path / "tip.npz")
-    doubtful = loaded(tmp_path, frf_data())
-    (warning,) = [w for w in doubtful.warnings if "conjugate" in w.text]
+    (warning,) = [w for w in loaded(tmp_path, frf_data()).warnings if "conjugate" in w.text]
     assert "conjugate = true in [data]" in warning.text
     assert warning.key == "data.file"
     if quantity == "accelerance":

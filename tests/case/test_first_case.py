@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
+from tests.one_line import says
 from vibrecords.formats import write_records
 from vibrecords.formats.read import iter_records
 from vibrecords.records import ModeRecord, TimeRecord
@@ -80,8 +81,7 @@ def answered(folder: Path, name: str) -> Path:
 
 @pytest.mark.parametrize("name", FILES)
 def test_three_lines_are_asked_and_the_rest_is_in_the_file(tmp_path, name):
-    case = jb.load_case(answered(tmp_path, name))
-    data = case.problem.test.data
+    data = jb.load_case(answered(tmp_path, name)).problem.test.data
     assert (data.frf.outputs, data.frf.inputs) == (("11:y",), ("11:y",))
     assert data.provenance.variance.startswith("as stated" if FILES[name][2] == "relative" else "from the coherence")
     lines = data.frf.frequency_hz
@@ -93,16 +93,14 @@ def test_three_lines_are_asked_and_the_rest_is_in_the_file(tmp_path, name):
 
 
 def test_the_noise_of_a_file_without_coherence_is_what_a_modal_fit_leaves(tmp_path):
-    text = answered(tmp_path, "tip.csv").read_text(encoding="utf-8")
-    stated = float(text.split("relative = ")[1].split()[0])
+    stated = float(answered(tmp_path, "tip.csv").read_text(encoding="utf-8").split("relative = ")[1].split()[0])
     assert stated == pytest.approx(np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2), rel=0.3)
 
 
 @pytest.mark.science
 @pytest.mark.long
 def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
-    path = answered(tmp_path, "tip.csv")
-    assert "Report: " in typed("run", path, "--out", tmp_path / "out")
+    assert "Report: " in typed("run", answered(tmp_path, "tip.csv"), "--out", tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     low, high = summary["parameters"]["k22"]["interval95"]
     assert low < 1.52e6 < high
@@ -114,8 +112,7 @@ def test_a_newcomer_has_a_report_after_three_commands(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("name", list(FILES)[1:])
 def test_a_newcomer_has_a_report_of_each_kind_of_file(tmp_path, name):
-    path = answered(tmp_path, name)
-    assert "Report: " in typed("run", path, "--out", tmp_path / "out")
+    assert "Report: " in typed("run", answered(tmp_path, name), "--out", tmp_path / "out")
 
 
 @pytest.mark.parametrize("command", ["run", "identify"])
@@ -132,8 +129,7 @@ def test_what_the_file_does_not_say_is_asked(tmp_path):
     (tmp_path / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
     text = case_of(tmp_path / "tip.csv")
     assert '"acc" = { dof = "?", unit = "?" }'.replace('"acc"', "acc") in text
-    assert 'force = { dof = "?", sensitivity = "?", unit = "?" }' in text
-    assert 'averages = "?"' in text
+    says(text, 'force = { dof = "?", sensitivity = "?", unit = "?" }', 'averages = "?"')
 
 
 def test_a_layout_goes_into_the_case(tmp_path):
@@ -149,9 +145,7 @@ def test_modes_of_a_modal_test_are_typed_into_the_case(tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.case.first_case.about_file", lambda _: {"operator": "A. Miller"})
     text = jb.case.first_case.propose_case([tmp_path / "modes.uff"], tmp_path)
     assert 'about = { operator = "A. Miller" }   # as the file says' in text
-    assert "frequencies_hz = [121.5, 752.4]" in text
-    assert "sd_hz = [0.1, 0.2]" in text
-    assert "shapes at 1:Z+" in text
+    says(text, "frequencies_hz = [121.5, 752.4]", "sd_hz = [0.1, 0.2]", "shapes at 1:Z+")
     assert "\nyoungs_modulus = { sd_percent = 3.0 }" in text
 
 
@@ -243,5 +237,4 @@ def test_a_turned_drive_point_and_averages_are_told_as_the_file_has_them(tmp_pat
 def test_a_hammer_without_units_is_told_by_its_name(tmp_path):
     write_hit(tmp_path / "hit.csv", "Time (s),hammer,acc")
     text = case_of(tmp_path / "hit.csv")
-    assert 'records = { method = "impact" }' in text
-    assert 'hammer = { dof = "?", unit = "?" }' in text
+    says(text, 'records = { method = "impact" }', 'hammer = { dof = "?", unit = "?" }')

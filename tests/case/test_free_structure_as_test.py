@@ -76,8 +76,7 @@ def test_joints_of_each_test_and_levels_are_those_of_joined_ones(own):
 def test_a_free_test_needs_no_table_of_a_joint():
     head, _, tail = BASE.partition("[joint]\n")
     dofs, _, rest = tail.partition("\n\n")
-    text = f"{head}{rest}{FREE}[tests.clamped.joint]\n{dofs}\n"
-    assert built(text).problem.names == ("k11", "k12", "k22")
+    assert built(f"{head}{rest}{FREE}[tests.clamped.joint]\n{dofs}\n").problem.names == ("k11", "k12", "k22")
 
 
 def test_what_the_bar_tells_free_is_what_its_uncertain_material_took_from_the_stiffness_of_the_clamp():

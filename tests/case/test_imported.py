@@ -72,8 +72,7 @@ def test_it_is_the_problem_of_its_matrices(home):
 
 
 def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, counted, tmp_path):
-    case = jb.load_case(home / "case.toml")
-    posterior = jb.sample(case, seed=1, settings=FEW_STEPS)
+    posterior = jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
     jb.write_report(posterior, tmp_path / "report")
     jb.load_case(home / "case.toml")
     assert len(counted) == 1
@@ -135,12 +134,10 @@ def test_parts_are_exports_of_themselves(home):
         ('"11:y"', '"tip:z"'),
         ("[joint]", "[uncertain.bodies.end.density]\nsd_percent = 3.0\n[joint]"),
     )
-    case = jb.load_case(path)
-    body = case.problem.test.structures
+    body = jb.load_case(path).problem.test.structures
     assert body.names == ("end.density",)
     heavier = body.recipe.structure({"end.density": 1.1}).rigid_motions(np.arange(1))
-    mass = 1 / (heavier**2).sum()
-    assert mass == pytest.approx(7800 * 0.2 * 0.02 * 0.03 * 1.05, rel=1e-9)
+    assert (1 / (heavier**2).sum()) == pytest.approx(7800 * 0.2 * 0.02 * 0.03 * 1.05, rel=1e-9)
 
 
 def test_supports_and_boxes(home):

@@ -63,8 +63,7 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
     assert (low[3], high[3]) == pytest.approx((1e-4, 1.0))
     assert low[2] < 300.0 < high[2]
     theta = case.problem.parametrisation.coordinates([5e7, 5e4, 300.0, 0.1])
-    squares = np.abs(case.problem.log_posterior.standardised(theta)) ** 2
-    assert squares.mean() == pytest.approx(1.0, abs=0.3)
+    assert (np.abs(case.problem.log_posterior.standardised(theta)) ** 2).mean() == pytest.approx(1.0, abs=0.3)
     stated = damped.replace("[data]\n", f"[prior]\nky = {PRIOR}\nkrz = {PRIOR}\ncy = {PRIOR}\n[data]\n", 1)
     refused(lambda: jb.case_from_text("case.toml", stated), jb.CaseError, r"prior\.eta: missing table")
     with pytest.raises(jb.CaseError, match=r"joint\.viscous: found viscous kz; expected each once of ky, krz"):

@@ -9,6 +9,7 @@ import jointbayes as jb
 from jointbayes.case.parse import parse_case
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import edited, shipped_text
+from tests.one_line import says
 
 BASE, _, ZEROS = case_text_named("modes").partition("[data.zeros]")
 BASE = f"{shipped_text('clamped_beam').partition('[data]')[0]}{BASE}"
@@ -89,14 +90,10 @@ def test_a_case_of_modes_goes_from_its_text_to_its_report_and_back(tmp_path):
     again = jb.load_posterior(tmp_path / "modes.nc")
     np.testing.assert_array_equal(again.problem.test.data.values, case.problem.test.data.values)
     np.testing.assert_array_equal(again.theta, posterior.theta)
-    summary = posterior.summary()
-    assert summary.natural_frequencies_hz.measured == tuple(case.problem.test.data.frequency_hz)
+    assert posterior.summary().natural_frequencies_hz.measured == tuple(case.problem.test.data.frequency_hz)
     assert len(posterior.check.chi2_by_line) == len(case.problem.test.data.values)
     jb.write_report(again, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-    assert "Modes, measured and predicted" in page
-    assert "Damping ratio, mode 2" in page
-    assert "Antiresonance 2 of 11:y (Hz)" in page
-    assert "Modal constant 8:y/11:y (1/kg), mode 2" in page
-    assert "Modal assurance criterion" in page
+    says(page, "Modes, measured and predicted", "Damping ratio, mode 2", "Antiresonance 2 of 11:y (Hz)")
+    says(page, "Modal constant 8:y/11:y (1/kg), mode 2", "Modal assurance criterion")
     assert (tmp_path / "report" / "figures" / "mode-shape-1.svg").exists()

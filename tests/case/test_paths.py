@@ -68,8 +68,7 @@ def test_a_case_reached_by_a_link_has_the_directory_it_is_reached_in(home, tmp_p
 def test_a_case_from_text_is_confined_to_the_directory_given(home):
     outside = text(frf_data(TIP, file='"../tip.npz"'))
     refused(lambda: jb.case_from_text("case", outside, directory=home), jb.CaseError, "leads out")
-    case = jb.case_from_text("case", outside, directory=home, allow_outside=True)
-    measured = case.problem.test.data
+    measured = jb.case_from_text("case", outside, directory=home, allow_outside=True).problem.test.data
     again = jb.case_from_text("case", outside, directory=home, data=measured)  # as a report does: no file is read
     assert again.problem.test.data is measured
 

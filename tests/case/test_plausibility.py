@@ -20,6 +20,7 @@ from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Lights
 from tests.case.refusal_rows import broken, refusal_rows
 from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, edited, judged_as, of_case, shipped_text
+from tests.one_line import says
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 UNCERTAIN = shipped_text("clamped_beam_uncertain")
@@ -47,8 +48,7 @@ def test_no_shipped_case_has_a_warning_or_a_prior_that_it_does_not_state(config)
 def test_a_likely_slip_is_a_warning_with_its_key_and_what_was_meant(changes, key, words):
     (line,) = warnings_of(text=broken(cheap_text(), changes)[0])
     assert line.startswith(f"{key}: found ")
-    assert "; expected " in line
-    assert words in line
+    says(line, "; expected ", words)
     assert line.isprintable()
 
 
@@ -77,8 +77,7 @@ def test_solids_have_no_warning(modulus, density):
 @pytest.mark.parametrize(("end", "warned"), [(math.nextafter(25.0, 0), True), (25.0, False), (26.0, False)])
 def test_a_beam_is_longer_than_thick(end, warned):
     high = (("f_max_hz = 2500.0", "f_max_hz = 1.0e6"), ("f_step_hz = 10.0", "f_step_hz = 1.0e4"))
-    found = warnings_of((LENGTH, f"length_mm = {end!r}"), *high)
-    assert bool(found) == warned
+    assert bool(warnings_of((LENGTH, f"length_mm = {end!r}"), *high)) == warned
 
 
 def test_measured_natural_frequencies_are_looked_at_as_well():
@@ -184,8 +183,7 @@ def test_the_documentation_states_limits_and_thresholds():
     warned = page[page.index("## Warnings") :]
     for ends in (plausibility.WAVE_SPEED, plausibility.YOUNGS_MODULUS, plausibility.DENSITY, plausibility.SLENDERNESS):
         assert f"| {ends[0]:g} to {ends[1]:g}" in warned
-    assert f"at most {plausibility.ABOVE_BAND:g} times" in warned
-    assert f"at most {plausibility.BELOW_BAND} |" in warned
+    says(warned, f"at most {plausibility.ABOVE_BAND:g} times", f"at most {plausibility.BELOW_BAND} |")
     for limit in {limit for limit, _ in plausibility.LARGEST_FRACTION.values()}:
         assert f"at most {limit:g}" in warned
     assert all(f"at least {least:g}" in warned for least in plausibility.SMALLEST_PERCENT.values())

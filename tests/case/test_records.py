@@ -98,5 +98,4 @@ def test_shaker_records_become_frfs(tmp_path):
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
     assert np.diff(case.problem.test.data.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
     assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)
-    modes = case.problem.test.data.provenance.modes
-    assert [round(m.frequency_hz) for m in modes] == [122, 752]
+    assert [round(m.frequency_hz) for m in case.problem.test.data.provenance.modes] == [122, 752]

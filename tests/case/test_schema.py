@@ -287,8 +287,7 @@ def test_every_number_is_bounded_as_its_description_says():
 ])  # fmt: skip
 def test_a_file_of_many_levels_is_refused_before_it_takes_time(added, expected):
     (line,) = faults_of(f"{GOOD}\n{added}")
-    number = GOOD.count("\n") + (22 if "b29" in added else 2)
-    assert line.startswith(expected.format(line=number))
+    assert line.startswith(expected.format(line=GOOD.count("\n") + (22 if "b29" in added else 2)))
 
 
 def test_dots_in_texts_and_comments_are_no_levels():

@@ -50,8 +50,7 @@ def test_a_case_of_two_tests_is_the_problem_that_one_would_write_by_hand():
         [0.01] * 3 + [1.0] * 4
     )
     assert_array_equal(case.problem.log_posterior(theta), by_hand.log_posterior(theta))
-    outputs = [part.test.data.frf.outputs for part in case.problem.parts]
-    assert outputs == [("11:y",), ("11:y", "6:y")]
+    assert [part.test.data.frf.outputs for part in case.problem.parts] == [("11:y",), ("11:y", "6:y")]
 
 
 def test_the_order_of_tables_and_what_a_test_replaces_are_those_of_extends():
@@ -78,8 +77,7 @@ outputs = ["6:y"]
 [virtual_test]
 extra_outputs = ["3:y"]
 """
-    case = built(TWO + heard + HEARD)
-    assert case.problem.names == (*PAIR.names, "gain")
+    assert built(TWO + heard + HEARD).problem.names == (*PAIR.names, "gain")
     with pytest.raises(jb.CaseError) as caught:
         parse_tests(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO)
     (line,) = str(caught.value).splitlines()
@@ -120,8 +118,7 @@ def test_named_joints_of_their_own_share_within_their_test():
     data = "[data]" + BASE.split("[data]")[1].replace('"11:y"', '"6:y"')
     data = data.replace("truth = {", "truth = {stiffness = {left = {").replace("1.52e6}", "1.52e6}}}")
     case = jb.case_from_text("case", joints + data + "[tests.calm]\n[tests.loud.joints.left]\nown = true\n")
-    names = case.problem.parametrisation.stiffness_names
-    assert names[::3] == ("left.k11", "loud.left.k11")
+    assert case.problem.parametrisation.stiffness_names[::3] == ("left.k11", "loud.left.k11")
     k = case.problem.prior.matrix(np.log(np.concatenate([TABLE_3, 0.5 * TABLE_3]))).stiffness
     for row, factor in enumerate((1.0, 1.0, 0.5, 0.5)):
         block = slice(2 * row, 2 * row + 2)
@@ -129,8 +126,7 @@ def test_named_joints_of_their_own_share_within_their_test():
 
 
 def test_a_factor_that_tests_share_on_other_values_is_told_as_a_factor():
-    case = built("[uncertain.length]\nsd_percent = 0.5\n" + TWO)
-    (length,) = case.problem.prior.nuisances
+    (length,) = built("[uncertain.length]\nsd_percent = 0.5\n" + TWO).problem.prior.nuisances
     assert (length.name, length.unit, length.nominal) == ("length", "× stated", 1.0)
     (modulus,) = built("[uncertain.youngs_modulus]\nsd_percent = 2.0\n" + TWO).problem.prior.nuisances
     assert (modulus.unit, modulus.nominal) == ("GPa", 210.0)
@@ -139,8 +135,7 @@ def test_a_factor_that_tests_share_on_other_values_is_told_as_a_factor():
 def test_noise_is_that_of_all_tests_or_of_each():
     scaled = '[noise]\nscale = "sampled"\n'
     assert built(scaled + TWO).problem.names[3:] == ("noise_scale",)
-    own = built(scaled + "own = true\n" + TWO).problem.names[3:]
-    assert own == ("long.noise_scale", "short.noise_scale")
+    assert built(scaled + "own = true\n" + TWO).problem.names[3:] == ("long.noise_scale", "short.noise_scale")
     one = built(TWO + '[tests.short.noise]\nscale = "sampled"\n').problem.names[3:]
     assert one == ("short.noise_scale",)
 
@@ -174,8 +169,7 @@ def test_material_and_length_of_a_workshop_are_those_of_every_test():
 
 def test_damping_of_a_workshop_is_one_factor_that_every_test_can_have():
     """Of ratios of 0.01 and 0.3 the largest bounds it: three times 0.3 is below the critical damping."""
-    stiff = "[tests.long]\n[tests.damped.structure.damping]\nratio = 0.3\n"
-    problem = built(stiff).workshop_problem
+    problem = built("[tests.long]\n[tests.damped.structure.damping]\nratio = 0.3\n").workshop_problem
     (factor,) = (one for one in problem.prior.nuisances if one.name.endswith("damping_ratio"))
     assert_allclose(np.exp(factor.range), [0.1, 3.0], rtol=1e-6)
     assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()

@@ -58,8 +58,7 @@ def test_the_prior_of_a_shared_joint_with_a_name_is_stated_for_all():
     joints = HEARD_ALL.split("[prior]")[0].replace("[joint]", "[joints.left]") + PEAKS
     prior = "distribution = 'log_uniform'\nlow = 1e8\nhigh = 1e12\n"
     each = "".join(f"[tests.short.joints.left.prior.k{n}]\n{prior}" for n in (11, 12, 22))
-    line = fault(f"{joints}[tests.long]\n{each}")
-    assert ": tests.short.joints.left.prior: found it for one test" in line
+    assert ": tests.short.joints.left.prior: found it for one test" in fault(f"{joints}[tests.long]\n{each}")
 
 
 @pytest.mark.parametrize(("keys", "key", "what"), [

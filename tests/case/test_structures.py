@@ -87,8 +87,7 @@ def test_a_workshop_knows_the_mass_of_accelerometers_to_five_per_cent():
 
 
 def test_a_case_without_priors_takes_the_frames_own_stiffness():
-    text = text_of(PORTAL, "3:y", "1:x", "")
-    low, _ = jb.case_from_text("frame", text).problem.prior.marginals[0].support
+    low, _ = jb.case_from_text("frame", text_of(PORTAL, "3:y", "1:x", "")).problem.prior.marginals[0].support
     own = 2.1e11 * 0.04 * 0.02**3 / 12 / np.hypot(0.5, 0.4) ** 3  # about the weaker axis, in the box of the frame
     assert low == pytest.approx(np.log(0.1 * own))
 
@@ -154,8 +153,7 @@ def test_matrices_come_from_the_text_or_from_files(kind, tmp_path):
     case = built(text, "1:y", "1:y", directory=tmp_path)
     assert_allclose(case.problem.test.structure.nominal.stiffness, stiffness)
     assert_allclose(case.problem.test.structure.nominal.mass, np.diag([2.0, 0.01]))
-    found = case.problem.test.structure.nominal.damping
-    assert found == jb.LossFactor(0.02)
+    assert case.problem.test.structure.nominal.damping == jb.LossFactor(0.02)
     assert np.isfinite(case.problem.log_posterior(case.problem.prior.mean[None])).all()
 
 

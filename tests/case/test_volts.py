@@ -38,8 +38,7 @@ def test_an_frf_in_no_si_unit_is_refused_with_the_ways_out(tmp_path, unit):
 
 def test_a_stated_sensitivity_makes_newtons_of_volts(tmp_path):
     force = f'{{ dof = "11:y", unit = "N", sensitivity = {1 / NEWTON_PER_VOLT} }}'
-    case = loaded(tmp_path, VARIANCE, force=force)
-    frf = case.problem.test.data.frf
+    frf = loaded(tmp_path, VARIANCE, force=force).problem.test.data.frf
     np.testing.assert_allclose(frf.values[:, 0, 0], accelerance(LINES), rtol=1e-12)
 
 
@@ -53,6 +52,5 @@ def test_with_an_uncertain_gain_the_joint_and_the_gain_are_found(tmp_path):
     gain = "[uncertain.gain]\nlow_factor = 0.001\nhigh_factor = 1000.0\n"
     problem = loaded(tmp_path, VARIANCE + gain).problem
     estimate = jb.find_map(problem)
-    k22 = problem.prior.values(estimate.theta)[2]
-    assert k22 == pytest.approx(1.52e6, rel=0.15)
+    assert problem.prior.values(estimate.theta)[2] == pytest.approx(1.52e6, rel=0.15)
     assert np.exp(estimate.theta[problem.names.index("gain")]) == pytest.approx(NEWTON_PER_VOLT, rel=0.02)

@@ -107,8 +107,7 @@ def judge(target: Target, path: Path, root: Path) -> Verdict:
         place = f"{first.category.__name__} in {Path(first.filename).name}"
         return Verdict("warning", f"{first.filename}:{first.lineno}: {first.message}", place)
     if sum(os.fstat(stream).st_size for stream in (1, 2)) > printed:
-        text = (root / "printed").read_text(errors="replace")[printed // 2 :]
-        return Verdict("printed", text, verdict.kind)
+        return Verdict("printed", (root / "printed").read_text(errors="replace")[printed // 2 :], verdict.kind)
     if spent > target.seconds:
         return Verdict("slow", f"{spent:.1f} s of computing", verdict.kind)
     return verdict
@@ -123,8 +122,7 @@ def main() -> None:
     with os.fdopen(answers, "w") as out:
         print(json.dumps({"ready": True}), file=out, flush=True)
         for line in sys.stdin:
-            verdict = judge(target, Path(json.loads(line)), root)
-            print(json.dumps(asdict(verdict)), file=out, flush=True)
+            print(json.dumps(asdict(judge(target, Path(json.loads(line)), root))), file=out, flush=True)
 
 
 if __name__ == "__main__":

@@ -258,24 +258,6 @@ def test_what_is_calibrated_is_what_a_run_answers_by(kind, monkeypatch, cheap_ca
     np.testing.assert_allclose(test.data.modes.values, its.data.modes.values, rtol=0.5)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (["--n", "0"], "--n"), (["--data-from", "missing.toml"], "no such file"),
-    (["--data-from", "other.toml"], "other quantity"), (["--out", "full"], "holds other files"),
-])  # fmt: skip
-def test_bad_input_exits_2(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_case(tmp_path / "case.toml", small_case())
-    other = small_case().text.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"')
-    (tmp_path / "other.toml").write_text(other, encoding="utf-8")
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "notes").touch()
-    result = cli("calibrate", "case.toml", *arguments)
-    assert result.exit_code == 2
-    assert message in result.output
-    assert "Traceback" not in result.output
-    assert not (tmp_path / "reports").exists() or not list((tmp_path / "reports").rglob("report.html"))
-
-
 def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_case(tmp_path / "case.toml", small_case())
@@ -295,16 +277,3 @@ def test_a_calibration_near_the_data_has_a_directory_and_a_report_of_its_own(tmp
     page = (directory / "report.html").read_text(encoding="utf-8")
     assert "2502.03279" in (directory / "references.bib").read_text(encoding="utf-8")
     assert "from the priors of" not in page
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
-def test_the_exit_code_tells_whether_the_analysis_is_calibrated(tmp_path, monkeypatch, passed, code):
-    monkeypatch.chdir(tmp_path)
-    write_case(tmp_path / "case.toml", small_case())
-    found = synthetic(uniform if passed else lambda _rng: 0)
-    monkeypatch.setattr(driver, "calibrate", lambda *_args, **_options: found)
-    result = cli("calibrate", "case.toml")
-    assert result.exit_code == code, result.output
-    assert ("NOT CALIBRATED" in result.output) == (not passed)
-    assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()

@@ -98,8 +98,7 @@ def test_p_values_of_uniform_ranks_are_uniform_and_agree_with_the_band():
 
 def test_a_rank_counts_the_draws_below_and_parts_ties_evenly():
     rng = np.random.default_rng(1)
-    draws = np.arange(10.0)[:, None]
-    assert rank_statistic([3.5], draws, 10, rng).tolist() == [4]
+    assert rank_statistic([3.5], np.arange(10.0)[:, None], 10, rng).tolist() == [4]
     tied = [rank_statistic([0.0], np.zeros((5, 1)), 5, rng)[0] for _ in range(600)]
     assert np.bincount(tied, minlength=6) == pytest.approx(100, abs=40)
 
@@ -120,8 +119,7 @@ def test_the_words_of_a_finding_name_what_is_wrong():
 
 
 def test_data_sets_without_a_posterior_are_not_left_out():
-    rng = np.random.default_rng(8)
-    ranks = {"k": rng.integers(0, 64, 400)}
+    ranks = {"k": np.random.default_rng(8).integers(0, 64, 400)}
     intervals, truths = {"k": np.tile([0.0, 1.0], (400, 1))}, {"k": np.full(400, 0.5)}
     whole = judge(ranks, intervals, truths, 63)[0]
     few = judge(ranks, intervals, truths, 63, missing=4)[0]

@@ -69,8 +69,7 @@ def test_whitened_residuals_at_the_truth_have_unit_variance(name):
 def test_what_the_case_states_of_the_noise_knows_nothing_of_the_truth():
     problem = jb.case_from_text("relative", TEXT.replace("relative = 0.0", "relative = 0.05")).problem
     rng = np.random.default_rng(3)
-    theta = problem.prior.sample(rng, 1)[0]
-    simulated = replace_values(problem, simulated_values(problem, theta, rng))
+    simulated = replace_values(problem, simulated_values(problem, problem.prior.sample(rng, 1)[0], rng))
     assert (simulated.test.data.variance == problem.test.data.variance).all()
     assert not np.allclose(simulated.test.data.frf.values, problem.test.data.frf.values, rtol=1e-3)
     assert simulated.test.noise is problem.test.noise
@@ -81,8 +80,7 @@ def test_noise_less_data_are_the_prediction():
     problem = small_case().problem
     theta = problem.prior.mean
     drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
-    likelihood = problem.log_posterior.likelihood
-    predicted = likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
+    predicted = problem.log_posterior.likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
     error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.test.data.variance / 400)
     assert error.max() < 4.0
 
@@ -90,8 +88,7 @@ def test_noise_less_data_are_the_prediction():
 def test_a_term_of_ones_own_is_refused():
     from dataclasses import replace
 
-    problem = small_case().problem
-    own = replace(problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
+    own = replace(small_case().problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
     refused(lambda: require_simulable(own, own), jb.ModelError, "no data can be drawn")
 
 

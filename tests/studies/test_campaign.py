@@ -18,7 +18,7 @@ from jointbayes.studies.campaign.index import INDEX, campaign_directory, kept_ro
 from jointbayes.studies.study_directory import append_line
 from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cli, without_stages
-from tests.one_line import refused
+from tests.one_line import refused, says
 from tests.studies.task_functions import pretend_case
 
 BASE = CONFIGS / "clamped_beam.toml"
@@ -242,8 +242,7 @@ class TestDriver:
             pretend(tmp_path, rows, progress=stop)
         kept = jb.Campaign(tmp_path / "out").index
         assert len(kept) == 3
-        index = pretend(tmp_path, rows)
-        assert (index["status"] == "done").all()
+        assert (pretend(tmp_path, rows)["status"] == "done").all()
         assert all(tries(tmp_path, key) == 1 for key in kept["key"])
 
     def test_progress_counts_cases_and_how_many_run(self, tmp_path):
@@ -313,8 +312,7 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     command = ["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")]
     ended = cli(*command)
     assert ended.exit_code == 0, ended.output  # two joints make no population
-    assert "2 cases: 2 done, 0 failed, 0 not converged" in ended.stdout
-    assert f"Index: {tmp_path / 'out' / 'index.jsonl'}" in ended.stdout
+    says(ended.stdout, "2 cases: 2 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.jsonl'}")
     assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
     (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
@@ -348,12 +346,9 @@ def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(
     assert without_stages(ended.stderr)[0].startswith(f"jointbayes: {table}:2: structure.length_mm: found -3; expected")
     assert not out.exists()
     measured = table_of(tmp_path, "key,data.file\na,missing.uff\n")
-    base = CONFIGS / "measured_stations.toml"
-    ended = cli("campaign", measured, "--base", base, "--out", out)
+    ended = cli("campaign", measured, "--base", CONFIGS / "measured_stations.toml", "--out", out)
     assert ended.exit_code == 1
-    assert "1 cases: 0 done, 1 failed" in ended.stdout
-    assert "FAILED: a: a:" in ended.stdout
-    assert "missing.uff" in ended.stdout
+    says(ended.stdout, "1 cases: 0 done, 1 failed", "FAILED: a: a:", "missing.uff")
 
 
 (BODY_AND_MATRICES,) = parts_named("campaign").values()

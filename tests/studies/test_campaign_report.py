@@ -27,7 +27,7 @@ from jointbayes.studies.campaign.campaign_report import (
     write_campaign_report,
 )
 from jointbayes.studies.campaign.index import read_index
-from tests.one_line import refused
+from tests.one_line import refused, says
 from tests.studies import campaign_directory as made
 
 JOINTS = 40
@@ -108,14 +108,12 @@ def test_a_population_that_has_not_converged_is_red_on_page_one_flagged_and_exit
     stopped = dataclasses.replace(findings.joints.population, converged=False, how=reason)
     monkeypatch.setattr(findings_module, "hierarchical_posterior", lambda *_: stopped)
     write_campaign_report(copy)
-    after = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
-    assert after["population"]["converged"] is False
+    assert json.loads((copy / "summary.json").read_text(encoding="utf-8"))["population"]["converged"] is False
     page = (copy / "report.html").read_text(encoding="utf-8")
     banner = page[
         page.index("The population has NOT converged") - 300 : page.index("The population has NOT converged") + 400
     ]
-    assert "bad" in banner
-    assert "not converged after 10 steps" in banner
+    says(banner, "bad", "not converged after 10 steps")
     rows = [{**row, "status": "done"} for row in jb.Campaign(copy).index.to_dict("records") if row["converged"]]
     made.write_index(copy, rows)
     with pytest.raises(SystemExit) as ended:
@@ -289,8 +287,7 @@ def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_n
         ("–", "above 22.0", "MN/m", "bounded below"),
     ]
     assert (table.rows[5][-1], len(table.rows)) == (NO_VALID_VALUE, 8)
-    assert OTHER_KIND in blocks[-1].text
-    assert "found 0. Left out 4 cases" in blocks[-1].text
+    says(blocks[-1].text, OTHER_KIND, "found 0. Left out 4 cases")
     lines = list(csv.DictReader(joints_csv(findings).splitlines()))
     assert [line["second.kx.verdict"] for line in lines] == ["identified", "bounded below", "identified", "identified"]
     assert float(lines[0]["first.kx.high95 (N/m)"]) == 63.3e6
@@ -355,8 +352,7 @@ def test_cases_in_other_coordinates_are_carried_over(tmp_path):
     assert found.parametrisation.key == "log"
     np.testing.assert_allclose(found.draws.theta, theta, rtol=1e-9)
     # π over θ of the log coordinates is |∂ρ/∂ln k12| = ρ times that over ρ, by hand
-    rho = signed.coordinates(log.values(theta[0]))[:, 2]
-    given = found.draws.log_prior[0] - np.log(rho)
+    given = found.draws.log_prior[0] - np.log(signed.coordinates(log.values(theta[0]))[:, 2])
     np.testing.assert_allclose(given, given[0], atol=1e-9)
     assert not found.draws.log_prior[1].any()
 

@@ -148,8 +148,7 @@ def test_the_time_left_is_that_of_all_that_may_follow(monkeypatch):
 def test_the_command_that_was_interrupted_says_what_is_kept_and_goes_on(made, tmp_path, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 3)
     monkeypatch.chdir(tmp_path)
-    text = planned_text(('"3:y", "5:rz"', '"1:y"'))
-    (tmp_path / "cheap.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "cheap.toml").write_text(planned_text(('"3:y", "5:rz"', '"1:y"')), encoding="utf-8")
     command = ["plan", "cheap.toml", "--seed", "2"]
     with monkeypatch.context() as patch:
         patch.setattr("jointbayes.cli.progress_display._print_lines", lambda: interrupting(made, 4))

@@ -49,8 +49,7 @@ def test_hitting_the_structure_free_is_a_candidate_where_its_material_is_uncerta
     assert "free" not in named(BASE.replace("383.0", '383.0\nsupports = ["11:rz"]') + MATERIAL + PLAN)
     proposed = named(BASE + MATERIAL + PLAN + "[plan.tests.hung]\njoined = false\n")
     assert (list(proposed), proposed["hung"].joint) == (["2:y", "6:y", "4 × averages", "hung"], Joints(()))
-    made = named(TWO + PLAN)
-    assert list(made) == ["clamped 2:y", "clamped 6:y", "clamped 4 × averages"]
+    assert list(named(TWO + PLAN)) == ["clamped 2:y", "clamped 6:y", "clamped 4 × averages"]
 
 
 @pytest.mark.parametrize("text", [BASE + MATERIAL, FREQUENCIES])
@@ -151,8 +150,7 @@ def test_a_forecast_is_what_sampling_both_measurements_finds(noise, name):
     weight = np.exp(log_weight - log_weight.max())
     found = jb.sample(both(case, further.test), seed=3)
     assert found.converged
-    logs = np.log(present.values("k22")).ravel()
-    spread = np.sqrt(np.cov(logs, aweights=weight))
+    spread = np.sqrt(np.cov(np.log(present.values("k22")).ravel(), aweights=weight))
     assert spread == pytest.approx(np.log(found.values("k22")).std(), rel=0.1)
 
 

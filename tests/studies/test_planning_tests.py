@@ -88,8 +88,7 @@ def test_a_linearised_figure_of_proposed_tests_is_that_of_a_problem_of_several()
     look = FirstLook(problem, {"short": SHORT, "tiny": TINY}, "k12", theta[None])
     for names, lengths in ((("short",), [("short", 0.2)]), (("short", "tiny"), [("short", 0.2), ("tiny", 0.1)])):
         several = together(problem, *lengths)
-        point = np.concatenate([theta, np.zeros(len(lengths))])
-        expected = fisher_information(several, point).sd()["k12"]
+        expected = fisher_information(several, np.concatenate([theta, np.zeros(len(lengths))])).sd()["k12"]
         assert look.linearised(names).median == pytest.approx(expected, rel=1e-6)
 
 
@@ -105,8 +104,7 @@ def test_the_density_of_present_and_proposed_data_is_that_of_a_problem_of_severa
         *(one.test for one in further),
     ]
     several = jb.Problem(tests=tests, prior=whole.problem.prior)
-    rng = np.random.default_rng(4)
-    theta = truth + 0.001 * rng.standard_normal((5, truth.size))
+    theta = truth + 0.001 * np.random.default_rng(4).standard_normal((5, truth.size))
     np.testing.assert_allclose(density(theta), several.log_posterior(theta), rtol=1e-11)
     # an overhang of its own moves only its own data
     alone = further[0].log_posterior.log_likelihood(theta + 1e-3 * (np.array(whole.problem.names) == "tiny.length"))
@@ -213,8 +211,7 @@ def test_a_plan_simulates_proposed_tests_and_sets_of_them(cheap_posterior):
     assert all(one.ranked for one in plan.measurements)
     by_names = {one.names: one.sd_after for one in plan.measurements}
     assert by_names["3:y", "short"] < by_names["short",]
-    lines = "\n".join(plan_lines(plan))
-    assert "3:y + short" in lines
+    assert "3:y + short" in "\n".join(plan_lines(plan))
     assert "the test heavy (accelerometer_mass_g" in " ".join(one.words for one in plan.measurements)
 
 

@@ -45,8 +45,7 @@ def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
         assert part.test.data.frf.outputs == own.test.data.frf.outputs
     alone = case_of("").problem
     one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
-    values = simulated_values(alone, theta, np.random.default_rng(1))
-    assert_array_equal(one.test.data.frf.values, values)
+    assert_array_equal(one.test.data.frf.values, simulated_values(alone, theta, np.random.default_rng(1)))
 
 
 def test_a_calibration_of_tests_needs_data_of_the_same_tests():
@@ -85,8 +84,7 @@ def test_each_test_is_measured_in_a_virtual_test(tmp_path):
 
 def test_simulate_writes_a_file_for_each_test(tmp_path):
     (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
-    out = tmp_path / "test.uff"
-    result = cli("simulate", tmp_path / "case.toml", "--out", out)
+    result = cli("simulate", tmp_path / "case.toml", "--out", tmp_path / "test.uff")
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in tmp_path.glob("*.uff")) == ["test-long.uff", "test-short.uff"]
 
@@ -107,8 +105,7 @@ def test_where_a_test_cannot_be_simulated_no_file_is_written(tmp_path, last, key
 
 
 def test_hypotheses_are_those_of_every_test():
-    problem = case_of(TWO).problem
-    springs = hypothesis_problem(problem, "springs")
+    springs = hypothesis_problem(case_of(TWO).problem, "springs")
     assert ([part.test.name for part in springs.parts], len(springs.names)) == (["long", "short"], 2)
     own = hypothesis_problem(case_of(TORQUES, OWN).problem, "springs")
     assert len(own.names) == 6

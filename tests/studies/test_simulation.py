@@ -97,8 +97,7 @@ def test_averages_are_those_of_the_test_then_of_the_noise():
         assert simulate(case, seed=1)[0].averages == averages
     assert simulate(case, VirtualTestSpec(averages=3), seed=1)[0].averages == 3
     case = virtual_case(by_coherence, ("floor = 0.0016", "floor = 0"))
-    coherence = as_set(simulate(case, seed=1)).coherence
-    assert coherence.mean() == pytest.approx(0.9, abs=0.02)
+    assert as_set(simulate(case, seed=1)).coherence.mean() == pytest.approx(0.9, abs=0.02)
 
 
 def test_the_same_seed_gives_the_same_test():
@@ -138,8 +137,7 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
     assert found.outputs == ("Point:5:Y+", "Point:3:Y+")
     lines = np.array(case.spec.data.lines_hz())
     assert_allclose(found.frequency_hz, lines, rtol=1e-9)
-    true = Truth(case).frf(lines, ("5:y", "3:y")).values
-    z = np.abs(found.values - true) ** 2 / jb.coherence_variance(found)
+    z = np.abs(found.values - Truth(case).frf(lines, ("5:y", "3:y")).values) ** 2 / jb.coherence_variance(found)
     # Student-t with 2(n − 1) = 22 degrees of freedom: mean 22/20
     assert z.mean() == pytest.approx(1.1, abs=0.25)
 

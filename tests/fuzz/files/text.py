@@ -71,8 +71,7 @@ def _with_other_sets(rng: random.Random, content: bytes) -> bytes:
 def _with_word_in_line(rng: random.Random, content: bytes) -> bytes:
     """An ID line or another line has other text."""
     lines = content.split(b"\n")
-    at = rng.randrange(min(len(lines), 60))
-    lines[at] = rng.choice(_WORDS)
+    lines[rng.randrange(min(len(lines), 60))] = rng.choice(_WORDS)
     return b"\n".join(lines)
 
 
@@ -178,6 +177,5 @@ def _damaged(rng: random.Random, content: bytes, ways: tuple[Callable[[random.Ra
     if rng.random() < 0.3:
         return damaged_bytes(rng, content)
     for _ in range(rng.choice((1, 1, 2, 3))):
-        way = rng.choice((*ways, with_extreme_number, _with_line_ends))
-        content = way(rng, content or b"1,2\n")
+        content = rng.choice((*ways, with_extreme_number, _with_line_ends))(rng, content or b"1,2\n")
     return damaged_bytes(rng, content, 1) if rng.random() < 0.1 else content

@@ -1,0 +1,77 @@
+"""What every study does as a command: bad input is one line and exit 2 before any work, the exit code is the answer."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import jointbayes as jb
+from jointbayes.studies.same import JointChange
+from tests.conftest import cli
+from tests.studies.calibration_cases import FREQUENCIES, TEXT
+from tests.studies.test_calibrate import synthetic, uniform
+from tests.studies.test_comparison import made_up
+from tests.studies.test_planning import planned, simulated
+from tests.studies.test_same import UNCHANGED
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    """A directory with cases, with one of somebody else's, and with a posterior that no command gets to read."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jointbayes.case.case.find_numbering", lambda *_: None)
+    mobility = TEXT.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"')
+    heard = FREQUENCIES.replace("100.0, 650.0", "101.0, 650.0")
+    for name, text in (("case", TEXT), ("mobility", mobility), ("peaks", FREQUENCIES), ("heard", heard)):
+        Path(f"{name}.toml").write_text(text, encoding="utf-8")
+    Path("full").mkdir()
+    Path("full/summary.json").write_text("{}", encoding="utf-8")
+
+
+@pytest.mark.parametrize(("line", "said"), [
+    ("calibrate case.toml --n 0", "--n"), ("calibrate case.toml --data-from missing.toml", "no such file"),
+    ("calibrate case.toml --data-from mobility.toml", "other quantity"),
+    ("compare peaks.toml heard.toml", "found other data in heard than in peaks"),
+    ("compare peaks.toml none.toml", "none.toml"), ("compare peaks.toml peaks.toml", "two cases named peaks"),
+    ("same none.toml case.toml", "no such file"), ("same none case.toml", "no such file"),
+    ("campaign none.csv", "No such file"), ("plan none.toml", "no such file"),
+    *((f"{command} {'peaks' if command == 'compare' else 'case'}.toml --out full", "holds other files")
+      for command in ("calibrate", "compare", "plan", "campaign")),
+])  # fmt: skip
+def test_bad_input_is_refused_in_one_line_before_anything_is_computed(line, said, tmp_path, monkeypatch):
+    for work in ("workflow.find_map", "workflow.sample", "studies.campaign.campaign_run.run_tasks",
+                 "studies.calibration.run_tasks"):  # fmt: skip
+        monkeypatch.setattr(f"jointbayes.{work}", lambda *_, **__: pytest.fail("computed"))
+    result = cli(*line.split())
+    assert (result.exit_code, result.stdout, said in result.stderr) == (2, "", True), result.output
+    assert len([told for told in result.stderr.splitlines() if told.startswith(("jointbayes: ", "Error: "))]) == 1
+    assert [path.name for path in tmp_path.rglob("*") if path.suffix in (".html", ".pdf", ".jsonl")] == []
+
+
+CHANGE = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
+
+
+@pytest.mark.parametrize(("line", "work", "answer", "code", "said"), [
+    pytest.param("calibrate case.toml", "studies.calibration.calibrate", synthetic(uniform), 0, "Calibrated: over 400",
+                 marks=pytest.mark.whole),
+    pytest.param("calibrate case.toml", "studies.calibration.calibrate", synthetic(lambda _: 0), 1, "NOT CALIBRATED",
+                 marks=pytest.mark.whole),
+    ("compare peaks.toml", "studies.compare.compare",
+     jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, ""), 3, "NOT TRUSTED"),
+    ("plan case.toml", "studies.planning.make_plan.plan", planned(converged=False, a=simulated(0.1, 0.1)), 3,
+     "No recommendation: the calculation for the data in hand has not settled."),
+    *(("same case.toml case.toml --json --quiet", "studies.same.compare_joints", replace(CHANGE, **wish), code, said)
+      for wish, code, said in (({}, 0, '"k22"'), ({"changed": True}, 1, '"k22"'),
+                               ({"converged": False, "changed": True, "reason": "no"}, 3, "NOT CONVERGED"))),
+])  # fmt: skip
+def test_the_exit_code_says_what_was_found(line, work, answer, code, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(f"jointbayes.{work}", lambda *_, **__: answer)
+    result = cli(*line.split())
+    assert (result.exit_code, said in result.stdout) == (code, True), result.output
+    if line.startswith("same"):
+        told = json.loads(result.stdout)
+        assert told["stiffness"][0]["name"] == "k22"
+        assert ("NOT CONVERGED, DO NOT USE THESE NUMBERS: no" in told["messages"]) == (code == 3)
+    elif line.startswith("calibrate"):
+        assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()
