@@ -9,6 +9,7 @@ import jointbayes as jb
 from jointbayes.case.case_text import case_text, read_case_text
 from jointbayes.case.parse import parse_case
 from tests.case.refusal_rows import parts_named
+from tests.one_line import refused
 
 (BASE,) = parts_named("case_text").values()
 
@@ -99,9 +100,7 @@ EXTENDS = 'extends = "base.toml"\n'
 ])  # fmt: skip
 def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, case, base, words):
     path = write(tmp_path / "here", case=case, **({"base": base} if base else {}))
-    with pytest.raises(jb.CaseError, match=words) as refused:
-        read_case_text(path)
-    assert "\n" not in str(refused.value)
+    refused(lambda: read_case_text(path), jb.CaseError, words)
 
 
 def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):

@@ -44,13 +44,9 @@ def test_files_in_the_directory_of_the_case_or_below_are_read(home, name):
 @pytest.mark.parametrize("name", ["../tip.npz", "{home}/../tip.npz", "link.npz", "folder/tip.npz", "../cases2/tip.npz"])
 def test_files_elsewhere_are_refused_in_one_line_and_read_where_that_is_allowed(home, name):
     path = case_in(home, f'["tip.npz", "{name.format(home=home)}"]')
-    with pytest.raises(jb.CaseError) as caught:
-        jb.load_case(path)
+    message = refused(lambda: jb.load_case(path), jb.CaseError, "--allow-outside")
     line = 1 + next(i for i, row in enumerate(path.read_text("utf-8").splitlines()) if row.startswith("file = "))
-    message = str(caught.value)
     assert message.startswith(f'{path}:{line}: data.file: found "{name.format(home=home)}", which leads out of the ')
-    assert "--allow-outside" in message
-    assert "\n" not in message
     path = case_in(home, f'"{name.format(home=home)}"')
     assert jb.load_case(path, allow_outside=True).problem.test.data.frf.outputs == ("5:y",)
 

@@ -17,6 +17,7 @@ from jointbayes.case.toml_text import key_lines, read_text
 from jointbayes.errors import CaseError
 from tests.case.refusal_rows import case_text_named, lines_of, parts_named
 from tests.conftest import CONFIGS, shipped_text
+from tests.one_line import refused
 
 GOOD = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 SIGNED = shipped_text("clamped_beam_frequencies")
@@ -152,12 +153,7 @@ def read_case_file(path):
 
 
 def file_fault(path):
-    with pytest.raises(CaseError) as caught:
-        read_text(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert "expected a case file in TOML, UTF-8; " in message
-    return message
+    return refused(lambda: read_text(path), CaseError, "expected a case file in TOML, UTF-8; ")
 
 
 def test_a_missing_file_is_one_line_that_proposes_a_neighbour(tmp_path):

@@ -8,6 +8,7 @@ from jointbayes.case.parse import parse_planned, parse_tests
 from tests.case.test_bodies import TEXT as MEASURED
 from tests.case.test_several_tests import BASE, HEARD, TWO, built
 from tests.case.test_structures import SPINDLE, text_of
+from tests.one_line import refused
 
 LONG_AND_HEARD = "\n[tests.long]\n" + HEARD
 PEAKS = '[data]\nkind = "natural_frequencies"\nfrequencies_hz = [121.5, 752.5]\nsd_relative = 0.0\nsd_hz = 0.5\n'
@@ -17,10 +18,7 @@ INEXACT = "[uncertain.model_error]\nfrequency_error = 0.01\n"
 
 def fault(text):
     """The one line by which a case is refused."""
-    with pytest.raises(jb.CaseError) as caught:
-        parse_tests(text, "case")
-    (line,) = str(caught.value).splitlines()
-    return line
+    return refused(lambda: parse_tests(text, "case"), jb.CaseError)
 
 
 def test_a_quantity_of_a_body_that_one_test_states_is_its_own():

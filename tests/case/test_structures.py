@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -180,11 +181,9 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         ("none.npy", "no such file"),
         ("../K.npy", "leads out of the directory"),
     ]:
-        with pytest.raises(jb.CaseError) as caught:
-            jb.case_from_text("m.toml", text.replace(given, f'"{name}"'), directory=tmp_path)
-        assert words in str(caught.value)
-        assert str(caught.value).startswith(f"m.toml:{line}: structure.stiffness:")
-        assert "\n" not in str(caught.value)
+        changed = text.replace(given, f'"{name}"')
+        told = refused(partial(jb.case_from_text, "m.toml", changed, directory=tmp_path), jb.CaseError, words)
+        assert told.startswith(f"m.toml:{line}: structure.stiffness:")
 
 
 def test_a_frame_is_kept_in_a_posterior_file_as_it_is():

@@ -61,7 +61,7 @@ def campaign_rows(
     return rows, theta
 
 
-def write_case(file: Path, theta: NDArray[np.float64], coordinates: str = "log", **attrs: Any) -> None:
+def write_case(file: Path, theta: NDArray[np.float64], coordinates: str = "log", kind: str = "", **attrs: Any) -> None:
     """What a campaign's report reads of a posterior file: θ of shape (draws, d) under a prior uniform in each."""
     file.parent.mkdir(parents=True, exist_ok=True)
     stiffness = parametrisation_named(coordinates).values(theta)
@@ -70,7 +70,7 @@ def write_case(file: Path, theta: NDArray[np.float64], coordinates: str = "log",
         for i, name in enumerate(("k11", "k12", "k22")):
             out[f"posterior/{name}"] = stiffness[None, :, i]
         out["log_prior/joint"] = attrs.pop("density", np.zeros((1, len(theta))))
-        for name, value in ({"coordinates": coordinates} | given).items():
+        for name, value in ({"coordinates": kind or coordinates} | given).items():
             if name != "density":
                 out["log_prior"].attrs[name] = value
 
@@ -80,6 +80,13 @@ def write_index(directory: Path, rows: list[dict[str, Any]]) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     lines = [json.dumps(row, default=datetime.datetime.isoformat) + "\n" for row in rows]
     (directory / INDEX).write_text("".join(lines), encoding="utf-8")
+
+
+def write_campaign(directory: Path, rows: list[dict[str, Any]], theta: Any, **stated: Any) -> None:
+    """The index of a campaign, and the posterior of each case."""
+    for row, draws in zip(rows, theta, strict=True):
+        write_case(directory / row["file"], draws, **stated)
+    write_index(directory, rows)
 
 
 def campaign_directory(directory: Path, joints: int, seed: int = 1, draws: int = 300) -> list[dict[str, Any]]:

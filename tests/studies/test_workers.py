@@ -17,7 +17,7 @@ from jointbayes.errors import WorkerError
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.workers import attempt, packed, run_tasks
 from tests.one_line import refused
-from tests.studies import task_functions as tasks
+from tests.studies import task_functions
 
 
 def numbered(count, *arguments):
@@ -41,7 +41,7 @@ def cluster():
 
 
 def test_each_task_has_one_outcome_with_its_value():
-    found = by_key(run_tasks(tasks.square, numbered(20), workers=2))
+    found = by_key(run_tasks(task_functions.square, numbered(20), workers=2))
     assert [found[f"task {i}"].value for i in range(20)] == [i**2 for i in range(20)]
     assert {(o.error, o.attempts, o.killed_worker) for o in found.values()} == {(None, 1, False)}
 
@@ -55,14 +55,14 @@ def test_tasks_are_taken_only_as_workers_come_free():
             taken += 1
             yield f"task {i}", (i,)
 
-    for number, _ in enumerate(run_tasks(tasks.square, tasks(), workers=2), 1):
+    for number, _ in enumerate(run_tasks(task_functions.square, tasks(), workers=2), 1):
         assert taken <= number + 4
         if number == 30:
             break
 
 
 def test_task_whose_worker_dies_is_done_again_and_one_that_kills_three_is_set_aside_by_name(tmp_path):
-    found = by_key(run_tasks(tasks.kill_some, numbered(12, str(tmp_path), (3, 7), (5,)), workers=2))
+    found = by_key(run_tasks(task_functions.kill_some, numbered(12, str(tmp_path), (3, 7), (5,)), workers=2))
     assert (len(found), {key for key, o in found.items() if o.killed_worker}) == (12, {"task 5"})
     assert found["task 5"].error == "its worker ended by SIGKILL"
     assert found["task 5"].value is None
@@ -73,7 +73,7 @@ def test_task_whose_worker_dies_is_done_again_and_one_that_kills_three_is_set_as
 
 
 def test_task_that_raises_has_its_error_in_words():
-    found = by_key(run_tasks(tasks.fail_some, numbered(4, (3,)), workers=2))
+    found = by_key(run_tasks(task_functions.fail_some, numbered(4, (3,)), workers=2))
     assert found["task 3"].error == "task 3: found a wrong number; expected another; change it"
     assert found["task 1"].error.startswith("ZeroDivisionError: division by zero (in fail_some, task_functions.py:")
     assert {o.attempts for o in found.values()} == {1}
@@ -81,15 +81,15 @@ def test_task_that_raises_has_its_error_in_words():
 
 
 def test_value_that_cannot_be_sent_and_exit_are_errors_of_the_task():
-    (found,) = run_tasks(tasks.unsendable, numbered(1), workers=1)
+    (found,) = run_tasks(task_functions.unsendable, numbered(1), workers=1)
     assert "cannot be sent to the driver" in found.error
-    (found,) = run_tasks(tasks.leave, numbered(1), workers=1)
+    (found,) = run_tasks(task_functions.leave, numbered(1), workers=1)
     assert found.error.startswith("SystemExit: 3")
     assert not found.killed_worker
 
 
 def test_task_that_hangs_is_ended_and_named():
-    found = by_key(run_tasks(tasks.hang_some, numbered(4, (2,)), workers=2, seconds=2.0))
+    found = by_key(run_tasks(task_functions.hang_some, numbered(4, (2,)), workers=2, seconds=2.0))
     assert found["task 2"].error == "took longer than the 2 s allowed"
     assert (found["task 2"].killed_worker, found["task 2"].attempts) == (True, 1)
     assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]
@@ -97,7 +97,7 @@ def test_task_that_hangs_is_ended_and_named():
 
 def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
     seen = []
-    for _ in run_tasks(tasks.slow_square, numbered(5, 0.7), workers=2, watch=seen.append):
+    for _ in run_tasks(task_functions.slow_square, numbered(5, 0.7), workers=2, watch=seen.append):
         pass
     together = [set(keys) for keys in seen if keys]
     assert {"task 0"} in together
@@ -107,14 +107,14 @@ def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
 
 def test_workers_have_one_thread_and_leave_ctrl_c_to_the_driver():
     forkserver._forkserver._stop()  # one that another test has begun has the environment of then
-    found = [o.value for o in run_tasks(tasks.settings_of_worker, numbered(6), workers=2)]
+    found = [o.value for o in run_tasks(task_functions.settings_of_worker, numbered(6), workers=2)]
     assert {(tuple(threads), ignores) for _, threads, ignores in found} == {(("1", "1", "1"), True)}
     assert os.getpid() not in {pid for pid, _, _ in found}
     assert "NUMBA_NUM_THREADS" not in os.environ
 
 
 def test_leaving_the_loop_ends_the_workers():
-    outcomes = run_tasks(tasks.hang_some, numbered(9, (2, 3)), workers=2)
+    outcomes = run_tasks(task_functions.hang_some, numbered(9, (2, 3)), workers=2)
     next(outcomes)
     assert multiprocessing.active_children()
     outcomes.close()
@@ -178,7 +178,7 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
 ])  # fmt: skip
 def test_settings_that_cannot_work_are_refused(settings, message, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.workers._CONNECT", 1.0)
-    refused(lambda: list(run_tasks(tasks.square, numbered(3), **settings)), WorkerError, message)
+    refused(lambda: list(run_tasks(task_functions.square, numbered(3), **settings)), WorkerError, message)
 
 
 def test_function_that_cannot_be_sent_is_refused():
@@ -188,8 +188,8 @@ def test_function_that_cannot_be_sent_is_refused():
 
 def test_any_executor_does_the_tasks():
     with ThreadPoolExecutor(2) as executor:
-        found = by_key(run_tasks(tasks.fail_some, numbered(9, (3,)), executor=executor))
-        assert executor.submit(tasks.square, 3).result() == 9  # it stays open
+        found = by_key(run_tasks(task_functions.fail_some, numbered(9, (3,)), executor=executor))
+        assert executor.submit(task_functions.square, 3).result() == 9  # it stays open
     assert [i for i in range(9) if found[f"task {i}"].error is None] == [0, 2, 4, 5, 6, 7, 8]
 
 
@@ -197,7 +197,7 @@ def test_executor_that_breaks_ends_the_loop_in_a_line(tmp_path):
     with ProcessPoolExecutor(2, multiprocessing.get_context("forkserver")) as executor:
         list(executor.map(time.sleep, [0.2, 0.2]))  # one that is started as it breaks would never end
         with pytest.raises(WorkerError, match="executor: found that it has gone, or lost a worker"):
-            list(run_tasks(tasks.kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
+            list(run_tasks(task_functions.kill_some, numbered(8, str(tmp_path), (), (3,)), executor=executor))
 
 
 def test_what_is_done_is_handed_out_before_an_executor_that_breaks_is_reported():
@@ -208,7 +208,7 @@ def test_what_is_done_is_handed_out_before_an_executor_that_breaks_is_reported()
             return super().submit(*call)
 
     with Breaks(1) as executor:
-        outcomes = run_tasks(tasks.square, numbered(3), executor=executor)
+        outcomes = run_tasks(task_functions.square, numbered(3), executor=executor)
         assert next(outcomes).key == "task 0"
         refused(lambda: next(outcomes), WorkerError, r"executor: found that it has gone.*\(BrokenExecutor\)")
 
@@ -216,7 +216,7 @@ def test_what_is_done_is_handed_out_before_an_executor_that_breaks_is_reported()
 @pytest.mark.whole
 def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_path):
     tasks = numbered(10, str(tmp_path), (3,), (6,))
-    found = by_key(run_tasks(tasks.kill_some, tasks, scheduler=cluster.scheduler_address))
+    found = by_key(run_tasks(task_functions.kill_some, tasks, scheduler=cluster.scheduler_address))
     assert {key for key, o in found.items() if o.killed_worker} == {"task 6"}
     assert "more often than the scheduler allows" in found["task 6"].error
     assert all(found[f"task {i}"].value == i**2 for i in range(10) if i != 6)
@@ -226,7 +226,7 @@ def test_dask_cluster_loses_no_task_and_names_the_one_that_kills(cluster, tmp_pa
 def test_worker_of_another_version_ends_the_loop_in_a_line(cluster, monkeypatch):
     monkeypatch.setattr("jointbayes.studies.workers.code_version", lambda: "0.1.0+other")
     with pytest.raises(WorkerError, match=r"found jointbayes 0\.1\.0\+[0-9a-f]{12}; expected 0\.1\.0\+other"):
-        list(run_tasks(tasks.square, numbered(4), scheduler=cluster.scheduler_address))
+        list(run_tasks(task_functions.square, numbered(4), scheduler=cluster.scheduler_address))
 
 
 @pytest.mark.science
@@ -260,7 +260,7 @@ if __name__ == "__main__":
 
 def test_what_another_version_of_a_worker_would_compute_is_refused():
     with pytest.raises(WorkerError, match=r"found jointbayes .*; expected 0\.1\.0\+other, with the sources of"):
-        attempt("0.1.0+other", packed(tasks.square, (3,)))
+        attempt("0.1.0+other", packed(task_functions.square, (3,)))
 
 
 @pytest.mark.whole
@@ -289,14 +289,18 @@ def test_the_fingerprint_of_the_code_sees_one_changed_digit(tmp_path):
 
 @pytest.mark.whole
 def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):
-    found = [o.value or o.error for o in run_tasks(tasks.store, numbered(3), scheduler=cluster.scheduler_address)]
-    assert found == [tasks.store(0)] * 3
+    found = [
+        o.value or o.error for o in run_tasks(task_functions.store, numbered(3), scheduler=cluster.scheduler_address)
+    ]
+    assert found == [task_functions.store(0)] * 3
 
 
 @pytest.mark.science
 @pytest.mark.long
 def test_dask_worker_with_a_task_that_hangs_is_restarted(cluster):
-    found = by_key(run_tasks(tasks.hang_some, numbered(4, (2,)), scheduler=cluster.scheduler_address, seconds=2))
+    found = by_key(
+        run_tasks(task_functions.hang_some, numbered(4, (2,)), scheduler=cluster.scheduler_address, seconds=2)
+    )
     assert found["task 2"].killed_worker
     assert "took longer than allowed" in found["task 2"].error
     assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]
