@@ -21,21 +21,18 @@ from jointbayes.joint import COORDINATES
 from jointbayes.posterior import Posterior, package_versions, summarise
 from jointbayes.report import contents
 from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
+from tests.pages import DOCS, PAGES, README, ROOT, fenced, prose, text_of
 from tests.report.conftest import posterior_about
 
 pytestmark = pytest.mark.docs
 
-ROOT = CONFIGS.parent
-README = ROOT / "README.md"
-DOCS = ROOT / "docs"
-PAGES = sorted([README, *DOCS.rglob("*.md")])
 HEADING = re.compile(r"^## +(.*)$", re.MULTILINE)
 TABLE_ROW = re.compile(r"^\| `(\w+)` \|(.*)\|$", re.MULTILINE)
 
 
 def _sections(page: Path) -> Iterator[tuple[str, str]]:
     """Give heading and text of each section of the second level."""
-    parts = HEADING.split(page.read_text(encoding="utf-8"))
+    parts = HEADING.split(text_of(page))
     yield from zip(parts[1::2], parts[2::2], strict=True)
 
 
@@ -94,7 +91,7 @@ def test_every_key_of_the_summary_is_documented_in_its_section(data):
         documented = next(rows for heading, rows in sections.items() if heading.startswith(name))
         assert documented == keys, name
     assert set(summary["parameters"]) == {"k11", "k12", "k22"}
-    assert f"is **{summary['schema_version']}**" in page.read_text(encoding="utf-8")
+    assert f"is **{summary['schema_version']}**" in text_of(page)
 
 
 def test_every_figure_of_the_sampler_in_the_summary_is_documented():
@@ -116,17 +113,13 @@ def test_every_command_and_option_shown_exists(page):
 
 def _code(page: Path) -> str:
     """Give what stands in fences or backticks: the rest is prose, in which the word may be followed by any other."""
-    text = page.read_text(encoding="utf-8")
-    fenced = re.findall(r"^```(?:bash|text)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
-    lines = [line.split("  #")[0] for block in fenced for line in block.splitlines()]
-    return "\n".join(lines + spans)
+    lines = [line.split("  #")[0] for block in fenced(page, "bash", "text") for line in block.splitlines()]
+    return "\n".join([*lines, *re.findall(r"`([^`\n]+)`", prose(page))])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_python_block_compiles_and_uses_public_names_that_exist(page):
-    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    for block in blocks:
+    for block in fenced(page, "python"):
         for node in ast.walk(ast.parse(block)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                 if node.value.id == "jb":
@@ -153,12 +146,12 @@ def test_every_public_name_is_there_and_is_loaded_at_first_use_only():
 
 
 def test_every_public_name_has_its_place_in_the_api_page():
-    shown = re.findall(r"^::: [\w.]+\.(\w+)$", (DOCS / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
+    shown = re.findall(r"^::: [\w.]+\.(\w+)$", text_of("api.md"), re.MULTILINE)
     assert sorted(shown) == sorted([*jb.__all__, *jb._MOVED])
 
 
 def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_names():
-    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    text = text_of("api.md")
     described = {line.rpartition(".")[2] for line in re.findall(r"^::: (\S+)$", text, re.MULTILINE)}
     elsewhere = {}
     for names, room in re.findall(r"^\| (`.*) \| `((?:jointbayes|vibrecords)\S*)` \|$", text, re.MULTILINE):
@@ -169,20 +162,15 @@ def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_case_file_named_exists(page):
-    text = page.read_text(encoding="utf-8")
+    text = text_of(page)
     made_up = {"configs/typo.toml", "configs/three.toml", "configs/clamped_bem.toml"}
     for name in set(re.findall(r"configs/\w+\.toml", text)) - made_up:
         assert (ROOT / name).is_file(), name
 
 
-def _prose(page: Path) -> str:
-    """Text of a page without what stands in fences."""
-    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-
-
 def _anchors(page: Path) -> set[str]:
     """Names of the headings of a page to which both a code host and mkdocs lead: the latter joins dashes in a row."""
-    headings = re.findall(r"^#+ +(.*)$", _prose(page), re.MULTILINE)
+    headings = re.findall(r"^#+ +(.*)$", prose(page), re.MULTILINE)
     on_host = {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
     return on_host & set(map(reference_pages.anchor_of, headings))
 
@@ -195,13 +183,13 @@ def test_every_local_link_leads_on_in_the_repository_as_it_is_checked_out():
     there = tracked | {folder for path in tracked for folder in path.parents}
     dead, count = [], 0
     for page in sorted(path for path in tracked if path.suffix == ".md" and path.exists()):
-        prose = re.sub(r"`[^`]*`", "", _prose(page))
-        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", prose):
+        plain = re.sub(r"`[^`]*`", "", prose(page))
+        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", plain):
             count += 1
             to = (page.parent / target).resolve() if target else page
             if to not in there or not to.exists() or (anchor and anchor not in _anchors(to)):
                 dead.append(f"{page.relative_to(ROOT)}: {target}#{anchor}")
-        if re.search(r"^ *--8<--", page.read_text(encoding="utf-8"), re.MULTILINE):
+        if re.search(r"^ *--8<--", text_of(page), re.MULTILINE):
             dead.append(f"{page.relative_to(ROOT)}: an include, which only a build of the site would carry out")
     assert dead == []
     assert count > 300
@@ -209,7 +197,7 @@ def test_every_local_link_leads_on_in_the_repository_as_it_is_checked_out():
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.name)
 def test_every_module_and_python_file_named_exists(page):
-    text = page.read_text(encoding="utf-8")
+    text = text_of(page)
     for name in set(re.findall(r"`((?:src|tests|benchmarks)/[\w/]+\.\w+)", text)):
         assert (ROOT / name).is_file(), name
     for name in set(re.findall(r"`(?:from |python -m )?((?:jointbayes|vibrecords|benchmarks)\.[\w.]*\w)`", text)):
@@ -222,7 +210,7 @@ def test_every_module_and_python_file_named_exists(page):
 def test_the_page_on_exit_codes_has_those_of_the_command_line():
     from jointbayes.cli import common as cli
 
-    page = (DOCS / "exit-codes-and-errors.md").read_text(encoding="utf-8")
+    page = text_of("exit-codes-and-errors.md")
     stated = {int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)}
     stopped = {cli.INTERRUPTED, cli.OUTPUT_CLOSED, cli.TERMINATED}
     assert stated == {0, cli.NOT_MATCHED, cli.CASES_FAILED, cli.BAD_INPUT, cli.NOT_CONVERGED} | stopped
@@ -263,7 +251,7 @@ def test_the_page_made_from_the_command_line_has_every_command_and_option():
 
 
 def test_the_gallery_shows_a_small_picture_of_each_report_that_it_names():
-    shown, text = report_gallery.shown(), (DOCS / "gallery.md").read_text(encoding="utf-8")
+    shown, text = report_gallery.shown(), text_of("gallery.md")
     pictures = {path.stem: path for path in report_gallery.FOLDER.iterdir()}
     assert len(shown) == text.count("![") == 9
     assert set(pictures) == set(shown)
@@ -283,7 +271,7 @@ def test_the_first_case_that_is_shown_says_what_has_no_default_and_no_more():
 
 
 def test_the_list_of_cases_has_every_case_of_the_repository():
-    listed = (DOCS / "cases.md").read_text(encoding="utf-8")
+    listed = text_of("cases.md")
     named = re.findall(r"`(\w+\.toml)`", listed)
     assert sorted(set(named)) == sorted(path.name for path in CONFIGS.glob("*.toml"))
     rows = re.findall(r"^\| `(\w+\.toml)` \|", listed, re.MULTILINE)
@@ -310,7 +298,7 @@ def test_the_reasons_that_the_how_to_explains_are_those_of_the_verdicts():
 
 
 def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):
-    shown = (DOCS / "exit-codes-and-errors.md").read_text(encoding="utf-8")
+    shown = text_of("exit-codes-and-errors.md")
     right = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
     slips = {
         "typo": (("length_mm = 383.0", "lenght_mm = 383.0"),),

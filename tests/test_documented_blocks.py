@@ -20,10 +20,10 @@ from jointbayes.case.case_text import read_case_text
 from jointbayes.case.parse import parse_planned, parse_tests
 from jointbayes.cli.commands import main
 from tests.conftest import cli
+from tests.pages import ROOT
 
 pytestmark = pytest.mark.docs
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = quoted.pages()
 #: A block; those with a mark before them belong to a walk-through, which runs them, or show a file.
 BLOCK = re.compile(r"^(<!--(?:numbers file .*|\w+)-->\n)?( *)```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)

@@ -9,28 +9,22 @@ import pytest
 
 import jointbayes as jb
 from tests.conftest import STEEL, rod
+from tests.pages import PAGES, ROOT, fenced, prose
 from tests.report.test_several_tests import OWN, TORQUES
 from tests.structure.imported import small_frame as small
 from tests.structure.imported.nastran_files import superelement, write_punch
 
 pytestmark = pytest.mark.docs
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: Run by tests of their own, of tests/test_workflow.py and of those whose files they show.
 ELSEWHERE = {"without-files.md", "developing.md"}
 #: Pages whose blocks ask what is known under other premises.
 OTHER_PREMISES = ("api.md",)
 
 
-def blocks(page: Path) -> list[str]:
-    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-
-
 def calls(page: Path) -> list[str]:
     """Calls of `jb` and of methods of a posterior between backticks in the text of a page."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    spans = (re.sub(r"\s+", " ", span) for span in re.findall(r"`([^`]+)`", text))
+    spans = (re.sub(r"\s+", " ", span) for span in re.findall(r"`([^`]+)`", prose(page)))
     return [span for span in spans if re.search(r"\b(jb|posterior)\.\w+(\.\w+)*\(", span)]
 
 
@@ -92,7 +86,8 @@ def export_everywhere(folder: Path) -> None:
 
 @pytest.mark.science
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, id=page.name) for page in PAGES if blocks(page) and page.name not in ELSEWHERE]
+    "page",
+    [pytest.param(page, id=page.name) for page in PAGES if fenced(page, "python") and page.name not in ELSEWHERE],
 )
 def test_every_block_of_python_runs_as_it_stands(page, clone, request):
     if page.name == "imported.md":
@@ -100,7 +95,7 @@ def test_every_block_of_python_runs_as_it_stands(page, clone, request):
     if page.name not in OTHER_PREMISES:
         request.getfixturevalue("plain_reports")
     names = {"__name__": "__main__"} | (spindle_and_tool() if page.name == "measured-bodies.md" else {})
-    for block in blocks(page):
+    for block in fenced(page, "python"):
         exec(compile(block, page.name, "exec"), names)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.size import ROOT
 
+from tests.pages import fenced
 from tests.vibrecords.rod import measured
 from vibrecords import RelativeNoise, write_frf
 
@@ -21,7 +22,7 @@ class Hidden:
 sys.meta_path.insert(0, Hidden)
 """
 README = (ROOT / "src" / "vibrecords" / "README.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+EXAMPLES = fenced(README, "python")
 TESTS = ROOT / "tests" / "vibrecords"
 
 

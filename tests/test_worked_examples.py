@@ -12,10 +12,11 @@ import jointbayes
 import vibrecords
 from tests.case.refusal_rows import parts_named
 from tests.conftest import cheap_text
+from tests.pages import text_of
 
 pytestmark = pytest.mark.docs
 
-PAGE = (Path(__file__).resolve().parents[1] / "docs" / "developing.md").read_text(encoding="utf-8")
+PAGE = text_of("developing.md")
 SCRIPTS = parts_named("worked_examples")
 HEAD = f"import re\nimport jointbayes as jb\ntext = {cheap_text().replace('max_steps = 20000', 'max_steps = 200')!r}\n"
 
