@@ -2,7 +2,7 @@
 
 import random
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 #: Numbers at which arithmetic, limits and parsers break.
 EXTREMES = [
@@ -21,13 +21,34 @@ _STRANGE = [
 ]  # fmt: skip
 
 
+def replaced(
+    rng: random.Random, content: bytes, matches: Iterable[re.Match[bytes]], new: Callable[[re.Match[bytes]], bytes],
+    group: int = 0,
+) -> bytes:  # fmt: skip
+    """The text with another in the place of one of the matches, or of a group of it."""
+    if not (found := list(matches)):
+        return content
+    chosen = rng.choice(found)
+    return content[: chosen.start(group)] + new(chosen) + content[chosen.end(group) :]
+
+
 def with_extreme_number(rng: random.Random, content: bytes) -> bytes:
     """The text with one of its numbers replaced by one at which things break."""
-    numbers = list(_NUMBER.finditer(content))
-    if not numbers:
-        return content
-    chosen = rng.choice(numbers)
-    return content[: chosen.start()] + rng.choice(EXTREMES).encode() + content[chosen.end() :]
+    return replaced(rng, content, _NUMBER.finditer(content), lambda _: rng.choice(EXTREMES).encode())
+
+
+def with_other_line(rng: random.Random, content: bytes) -> bytes:
+    """One line left out, twice, or in the place of another."""
+    lines = content.split(b"\n")
+    one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+    match rng.randrange(3):
+        case 0:
+            del lines[one]
+        case 1:
+            lines.insert(other, lines[one])
+        case 2:
+            lines[one], lines[other] = lines[other], lines[one]
+    return b"\n".join(lines)
 
 
 def _flip(rng: random.Random, content: bytes) -> bytes:

@@ -4,7 +4,7 @@ import random
 import re
 from collections.abc import Callable
 
-from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
+from tests.fuzz.mutations import EXTREMES, damaged_bytes, replaced, with_extreme_number, with_other_line
 
 UNITS = [
     "g/N", "(mm/s^2)/lbf", "1/kg", "m/N", "m/s/N", "EU/EU", "N", "N*s", "((((m))))", "m^9", "mm^-9/N", "s^-1", "rad/s",
@@ -32,8 +32,7 @@ def _number(rng: random.Random) -> bytes:
 
 def _with_field(rng: random.Random, content: bytes) -> bytes:
     """One field of the header of one data set 58 has another value, in its columns."""
-    starts = [m.start() for m in re.finditer(rb"(?m)^ {4}58", content)]
-    if not starts:
+    if not (starts := [m.start() for m in re.finditer(rb"(?m)^ {4}58", content)]):
         return content
     start = rng.choice(starts)
     lines = content[start:].split(b"\n", 12)
@@ -125,13 +124,11 @@ def _with_row(rng: random.Random, content: bytes) -> bytes:
         case 0:
             lines[at] = b"# " + lines[at]
         case 1:
-            lines.insert(rng.randrange(len(lines)), lines[at])
-        case 2:
-            lines.pop(at)
-        case 3:
             lines.insert(at, rng.choice((b"", b"#", b"# averages: 3", b"# quantity: mobility", b"%a:b")))
-        case 4:
+        case 2:
             lines[at] = lines[at] + rng.choice((b",", b"\t", b";", b" ", b"1"))
+        case _:
+            return with_other_line(rng, content)
     return b"\n".join(lines)
 
 
@@ -149,13 +146,9 @@ _LVM = re.compile(rb"(?m)^([A-Za-z_0-9]+)\t(.*)$")
 
 
 def _with_lvm_field(rng: random.Random, content: bytes) -> bytes:
-    fields = list(_LVM.finditer(content))
-    if not fields:
-        return content
-    one = rng.choice(fields)
     choices = [b"Comma", b"Tab", b",", b".", b"No", b"One", b"Multi", b"Frequency", b"Time", b"0", b"9" * 5000]
     value = rng.choice(choices) if rng.random() < 0.5 else rng.choice((_number(rng), rng.choice(_WORDS)))
-    return content[: one.start(2)] + value + content[one.end(2) :]
+    return replaced(rng, content, _LVM.finditer(content), lambda _: value, 2)
 
 
 def _with_segments(rng: random.Random, content: bytes) -> bytes:

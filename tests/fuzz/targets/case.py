@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
+from tests.fuzz.mutations import EXTREMES, damaged_bytes, replaced, with_extreme_number, with_other_line
 from tests.fuzz.target import Target
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
@@ -116,51 +116,28 @@ def _lines(content: bytes) -> list[bytes]:
     return content.split(b"\n")
 
 
-def _line_dropped(rng: random.Random, content: bytes) -> bytes:
-    lines = _lines(content)
-    del lines[rng.randrange(len(lines))]
-    return b"\n".join(lines)
-
-
-def _line_twice(rng: random.Random, content: bytes) -> bytes:
-    lines = _lines(content)
-    lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines))
-    return b"\n".join(lines)
-
-
-def _lines_swapped(rng: random.Random, content: bytes) -> bytes:
-    lines = _lines(content)
-    one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
-    lines[one], lines[other] = lines[other], lines[one]
-    return b"\n".join(lines)
-
-
 def _value_replaced(rng: random.Random, content: bytes) -> bytes:
     pairs = list(_PAIR.finditer(content))
-    if not pairs:
-        return content
-    pair = rng.choice(pairs)
-    value = rng.choice((rng.choice(_VALUES), rng.choice(EXTREMES).encode(), rng.choice(pairs)[2]))
-    return content[: pair.start(2)] + value + content[pair.end(2) :]
+    values = (lambda: rng.choice(_VALUES), lambda: rng.choice(EXTREMES).encode(), lambda: rng.choice(pairs)[2])
+    return replaced(rng, content, pairs, lambda _: rng.choice(values)(), 2)
 
 
 def _word_replaced(rng: random.Random, content: bytes) -> bytes:
     """A key or a table under the name of another, or of none."""
     words = [*_PAIR.finditer(content), *_HEADER.finditer(content)]
-    if not words:
-        return content
-    word = rng.choice(words)
-    name = rng.choice((rng.choice(words)[1], b"x", b'""', b"a.b", b'"\\u001b"', word[1][:-1] or b"k", word[1] + b"s"))
-    return content[: word.start(1)] + name + content[word.end(1) :]
+    names = [b"x", b'""', b"a.b", b'"\\u001b"', *(word[1] for word in words[:1])]
+    return replaced(
+        rng,
+        content,
+        words,
+        lambda word: rng.choice((*names, rng.choice(words)[1], word[1][:-1] or b"k", word[1] + b"s")),
+        1,
+    )
 
 
 def _label_replaced(rng: random.Random, content: bytes) -> bytes:
-    labels = list(_LABEL.finditer(content))
-    if not labels:
-        return content
-    label = rng.choice(labels)
     new = f'"{rng.choice((0, 1, 2, 3, 4, 5, 11, 9999999))}:{rng.choice(("x", "y", "z", "rx", "ry", "rz", "q"))}"'
-    return content[: label.start()] + new.encode() + content[label.end() :]
+    return replaced(rng, content, _LABEL.finditer(content), lambda _: new.encode())
 
 
 def _key_added(rng: random.Random, content: bytes) -> bytes:
@@ -204,9 +181,7 @@ def _from_grammar(rng: random.Random) -> bytes:
 
 
 def _word(rng: random.Random) -> bytes:
-    return rng.choice(
-        (rng.choice(_KEYS or [b"a"]), rng.choice((b"structure", b"joint", b"prior", b"data", b"noise", b'"x y"')))
-    )
+    return rng.choice((rng.choice(_KEYS or [b"a"]), b"structure", b"joint", b"prior", b"data", b"noise", b'"x y"'))
 
 
 def _statement(rng: random.Random) -> bytes:
@@ -219,20 +194,16 @@ def _value(rng: random.Random, depth: int) -> bytes:
     if depth and kind < 0.15:
         return b"[" + b", ".join(_value(rng, depth - 1) for _ in range(rng.randint(0, 4))) + b"]"
     if depth and kind < 0.3:
-        return (
-            b"{"
-            + b", ".join(b"%s = %s" % (_word(rng), _value(rng, depth - 1)) for _ in range(rng.randint(0, 3)))
-            + b"}"
-        )
-    return rng.choice(
-        (rng.choice(_VALUES), rng.choice(EXTREMES).encode(), b"%d" % rng.randint(-5, 50), b"%.3g" % rng.gauss(0, 1e3))
-    )
+        pairs = (b"%s = %s" % (_word(rng), _value(rng, depth - 1)) for _ in range(rng.randint(0, 3)))
+        return b"{" + b", ".join(pairs) + b"}"
+    number = b"%d" % rng.randint(-5, 50), b"%.3g" % rng.gauss(0, 1e3)
+    return rng.choice((rng.choice(_VALUES), rng.choice(EXTREMES).encode(), *number))
 
 
 _WAYS: list[Callable[[random.Random, bytes], bytes]] = [
-    with_extreme_number, _value_replaced, _word_replaced, _label_replaced, _line_dropped, _line_twice, _lines_swapped,
-    _key_added, damaged_bytes, _grown,
+    with_extreme_number, _value_replaced, _word_replaced, _label_replaced, with_other_line, _key_added, damaged_bytes,
+    _grown,
 ]  # fmt: skip
-_OFTEN = [30, 15, 8, 8, 8, 4, 6, 8, 10, 0.5]
+_OFTEN = [30, 15, 8, 8, 18, 8, 10, 0.5]
 
 TARGETS = [CaseTarget()]
