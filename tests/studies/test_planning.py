@@ -21,7 +21,6 @@ from jointbayes.studies.planning import plan_report
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import (
     Simulator,
-    WithFurther,
     assumed_truth,
     could_come_first,
     plan,
@@ -269,16 +268,6 @@ def test_an_added_mass_is_exactly_known_beside_an_uncertain_beam_and_acceleromet
     assert isinstance(case.problem.test.structure, jb.BeamFamily)
 
 
-def test_densities_of_independent_measurements_add(cheap_case):
-    further = accelerometer(cheap_case, "3:y").problem(cheap_case.problem, TRUTH, np.random.default_rng(1))
-    density = WithFurther(cheap_case.problem.log_posterior, [further, further])
-    theta = np.array([TRUTH, TRUTH + np.array([0.1, 0.0, 0.01]), [0.0, 50.0, 0.0]])
-    found = density(theta)
-    expected = cheap_case.problem.log_posterior(theta[:2]) + 2 * further.log_posterior.log_likelihood(theta[:2])
-    np.testing.assert_allclose(found[:2], expected)
-    assert found[2] == -np.inf
-
-
 def test_an_assumed_joint_is_kept_and_all_else_follows_the_data():
     case = jb.load_case(CONFIGS / "clamped_beam_uncertain.toml")
     joint = case.problem.parametrisation.coordinates(TABLE_3)
@@ -487,8 +476,10 @@ def test_sets_that_a_plan_states_are_simulated_beside_single_candidates(cheap_po
 ])  # fmt: skip
 def test_a_stated_set_of_what_is_no_candidate_is_refused_in_one_line(value, found, cheap_posterior):
     text = planned_text(('"5:rz"]\n', f'"5:rz"]\ntogether = {value}\n'))
-    case = jb.case_from_text("cheap", text)
-    assert refused(lambda: jb.plan(case, cheap_posterior), jb.CaseError, f"plan.together: {found}").startswith("cheap:")
+    told = refused(
+        lambda: jb.plan(jb.case_from_text("cheap", text), cheap_posterior), jb.CaseError, f"plan.together: {found}"
+    )
+    assert told.startswith("cheap:")
 
 
 def test_no_line_of_a_plan_in_a_notebook_is_longer_than_100_characters():

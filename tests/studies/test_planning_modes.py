@@ -133,6 +133,7 @@ def test_the_density_of_which_a_forecast_is_made_is_that_of_two_tests(text, name
     case, candidate = case_of(text + PLAN), named(text + PLAN)[name]
     further = candidate.problem(case.problem, TRUTH, np.random.default_rng(5))
     theta = TRUTH + 0.01 * np.random.default_rng(6).normal(size=(20, TRUTH.size))
+    theta[0, 1] = 50.0  # an impossible joint
     found = WithFurther(case.problem.log_posterior, [further])(theta)
     np.testing.assert_allclose(found, both(case, further.test).log_posterior(theta), rtol=1e-6, atol=1e-3)
 
