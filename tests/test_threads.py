@@ -13,25 +13,10 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 import jointbayes as jb
 from jointbayes.reproducibility import code_version, one_blas_thread
 from jointbayes.studies.workers import attempt, packed
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS
 
-_HEAD = """
-import hashlib, sys
-import numpy as np
-import jointbayes as jb
-case = jb.load_case(sys.argv[1])
-"""
-_DENSITY = """
-theta = case.problem.prior.sample(np.random.default_rng(1), 20)
-short = jb.sample(jb.load_case(sys.argv[1].replace("clamped_beam_uncertain", "two_storeys_shape")))
-numbers = case.problem.test.data.frf.values, case.problem.log_posterior(theta), short.theta
-"""
-_DRAWS = """
-numbers = jb.sample(case).theta,
-"""
-_TAIL = """
-print([hashlib.sha256(np.ascontiguousarray(one).tobytes()).hexdigest() for one in numbers])
-"""
+_HEAD, _DENSITY, _DRAWS, _TAIL = parts_named("threads").values()
 
 
 def of_blas():

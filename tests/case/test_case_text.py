@@ -11,7 +11,7 @@ from jointbayes.case.parse import parse_case
 from tests.case.refusal_rows import parts_named
 from tests.one_line import refused
 
-(BASE,) = parts_named("case_text").values()
+BASE, TABLES = parts_named("case_text").values()
 
 
 def write(directory: Path, **files: str) -> Path:
@@ -111,20 +111,7 @@ def test_a_base_outside_is_read_if_that_is_allowed(tmp_path):
 
 def test_every_file_that_a_base_elsewhere_names_is_found_from_the_case(tmp_path):
     """Matrices and bodies too, and those of tests; what only looks like a name of a file stays."""
-    tables = """
-[structure]
-stiffness = "K.npy"
-mass = [[1.0]]
-damping = { law = "matrix", damping_matrix = "C.csv" }
-[data]
-file = ["a.uff", "../b.uff"]
-[data.channels]
-file = "1:y"
-[bodies.spindle]
-file = "nose.uff"
-"""
-    tables += '[tests.hot.structure]\nmass = "M.npy"\n[tests.hot.bodies.file]\nfile = "c.uff"\n'
-    data = read_case_text(write(tmp_path, sub__base=tables, case='extends = "sub/base.toml"\n')).data
+    data = read_case_text(write(tmp_path, sub__base=TABLES, case='extends = "sub/base.toml"\n')).data
     assert (data["structure"]["stiffness"], data["structure"]["mass"]) == ("sub/K.npy", [[1.0]])
     assert data["structure"]["damping"] == {"law": "matrix", "damping_matrix": "sub/C.csv"}
     assert data["data"] == {"file": ["sub/a.uff", "b.uff"], "channels": {"file": "1:y"}}

@@ -12,7 +12,7 @@ from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text
 
-MATERIAL, FREE, HEARD_FREE = parts_named("free_structure").values()
+MATERIAL, FREE, HEARD_FREE, _ = parts_named("free_structure").values()
 TWO = BASE + MATERIAL + FREE + "[tests.clamped]\n"
 
 

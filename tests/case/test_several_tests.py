@@ -14,7 +14,7 @@ from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 from tests.one_line import refused
 
 BASE = case_text_named("tests")
-TWO, HEARD, CLAMP_EDGE = parts_named("several_tests").values()
+TWO, HEARD, CLAMP_EDGE, OTHERS, _ = parts_named("several_tests").values()
 
 
 def built(more, base=BASE):
@@ -69,15 +69,7 @@ def test_what_a_test_removes_is_taken_out_of_the_rest_of_the_file():
 
 def test_what_a_test_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
     """Natural frequencies depend on no gain; a gain that is uncertain in the file is that of the FRFs."""
-    heard = """
-[uncertain.gain]
-sd_percent = 1.0
-[plan]
-outputs = ["6:y"]
-[virtual_test]
-extra_outputs = ["3:y"]
-"""
-    assert built(TWO + heard + HEARD).problem.names == (*PAIR.names, "gain")
+    assert built(TWO + OTHERS + HEARD).problem.names == (*PAIR.names, "gain")
     line = refused(
         lambda: parse_tests(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO),
         jb.CaseError,

@@ -16,7 +16,7 @@ from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import edited, shipped_text
 from tests.one_line import refused
 
-DATA, CHAIN, MATRICES, SPRINGS = parts_named("structures").values()
+DATA, CHAIN, MATRICES, SPRINGS, TWO_POINTS = parts_named("structures").values()
 PRIOR = "".join(
     f'\n[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
     for k, low, high in (("k11", 1e4, 1e10), ("k12", 1e2, 1e8), ("k22", 1e2, 1e8))
@@ -198,21 +198,7 @@ def test_a_frame_is_kept_in_a_posterior_file_as_it_is():
 
 @pytest.mark.parametrize(("element", "right"), [("converged", True), ("paper", False)])
 def test_a_frame_of_two_points_has_all_its_modes_where_its_elements_are_as_many_as_it_takes(element, right):
-    text = f"""
-joint = {{ kind = "springs", dofs = ["b:y"] }}
-data = {{ kind = "natural_frequencies", frequencies_hz = [300.0, 1500.0, 3000.0], sd_relative = 0.005 }}
-[structure]
-kind = "frame"
-element = "{element}"
-directions = ["y", "rz"]
-supports = ["a:y", "a:rz"]
-youngs_modulus_gpa = 210.0
-density_kg_m3 = 7800.0
-section = {{ shape = "circle", diameter_mm = 25.0 }}
-points = {{ a = [0.0, 0.0, 0.0], b = [383.0, 0.0, 0.0] }}
-members = [{{ points = ["a", "b"] }}]
-damping = {{ law = "modal", ratio = 0.01 }}
-"""
+    text = TWO_POINTS.replace("ELEMENT", element)
     if right:
         assert jb.case_from_text("case", text).problem.test.data.modes.frequency_hz.size == 3
     else:

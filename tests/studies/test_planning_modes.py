@@ -10,21 +10,12 @@ from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information, measurement_information
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
+from tests.case.refusal_rows import parts_named
 from tests.case.test_free_structure_as_test import MATERIAL, TWO
 from tests.case.test_several_tests import BASE
 from tests.conftest import CONFIGS, cheap_text, edited
 
-FREQUENCIES = (
-    BASE.partition("[data]")[0]
-    + """
-[data]
-kind = "natural_frequencies"
-frequencies_hz = [112.0, 702.0, 1949.0]
-sd_relative = 0.002
-sd_hz = 0.0
-"""
-    + MATERIAL
-)
+FREQUENCIES = BASE.partition("[data]")[0] + parts_named("free_structure")["heard clamped"] + MATERIAL
 PLAN = '\n[plan]\nparameter = "k22"\noutputs = ["2:y", "6:y"]\n'
 SHORT = "\n[plan.tests.short.structure]\nlength_mm = 200.0\n"
 TRUTH = np.array([np.log(2e9), np.log(1e7), np.log(3e5), 0.01, -0.004, 0.001])

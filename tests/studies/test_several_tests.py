@@ -14,6 +14,7 @@ from jointbayes.studies.campaign.index import DONE, read_index, write_index
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate
+from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
@@ -122,19 +123,7 @@ def test_cases_are_compared_on_the_data_of_all_their_tests():
 
 #: Quick to sample: little noise, and few walkers.
 SEVERAL = BASE.replace("relative = 0.03", "relative = 0.003") + TWO + "[sampling]\nensembles = 4\nwalkers = 16\n"
-MEASURED_TESTS = (
-    BASE[: BASE.index("[data]")]
-    + """
-[data]
-kind = "measured_frf"
-file = "first.uff"
-channels = { "11:y" = "11:y" }
-variance = { source = "relative", relative = 0.02, floor = 0 }
-[tests.first]
-[tests.second.data]
-file = "second.uff"
-"""
-)
+MEASURED_TESTS = BASE[: BASE.index("[data]")] + parts_named("several_tests")["measured"]
 
 
 def campaign(tmp_path, table, base=SEVERAL):

@@ -16,6 +16,7 @@ import jointbayes as jb
 from jointbayes.errors import WorkerError
 from jointbayes.reproducibility import code_version
 from jointbayes.studies.workers import attempt, packed, run_tasks
+from tests.case.refusal_rows import parts_named
 from tests.one_line import refused
 from tests.studies import task_functions
 
@@ -123,13 +124,7 @@ def test_leaving_the_loop_ends_the_workers():
     assert not multiprocessing.active_children()
 
 
-SCRIPT = """
-from jointbayes.studies.workers import run_tasks
-from tests.studies.task_functions import write_then_wait
-
-if __name__ == "__main__":
-    list(run_tasks(write_then_wait, ((str(i), (i, {directory!r})) for i in range(4)), workers=2))
-"""
+SCRIPT, LOST = parts_named("workers").values()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -232,25 +227,7 @@ def test_worker_of_another_version_ends_the_loop_in_a_line(cluster, monkeypatch)
 @pytest.mark.science
 def test_a_scheduler_that_is_lost_ends_in_one_line_and_nothing_else_on_the_terminal(tmp_path):
     pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
-    script = """
-import os, signal, sys, threading
-import distributed
-from jointbayes.errors import WorkerError
-from jointbayes.studies.workers import run_tasks
-from tests.studies.task_functions import slow_square
-if __name__ == "__main__":
-    with distributed.LocalCluster(1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as workers:
-        try:
-            tasks = ((f"{i}", (i, 1.0)) for i in range(60))
-            for outcome in run_tasks(slow_square, tasks, scheduler=workers.scheduler_address):
-                if outcome.key == "0":
-                    workers.loop.add_callback(workers.scheduler.close)
-        except WorkerError as error:
-            print(error)
-            sys.stdout.flush()
-            os._exit(0)
-"""
-    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    (tmp_path / "script.py").write_text(LOST, encoding="utf-8")
     paths = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     run = [sys.executable, str(tmp_path / "script.py")]
     ended = subprocess.run(run, capture_output=True, text=True, timeout=120, env=os.environ | {"PYTHONPATH": paths})

@@ -11,6 +11,7 @@ from pathlib import Path
 from tests.fuzz.mutations import damaged_bytes, with_extreme_number
 from tests.fuzz.target import Target, default_message_fault
 
+SEEDS = Path(__file__).resolve().parents[1] / "seeds"
 #: Files beside matrices that are right, and the argument that takes them.
 _BESIDE = {"dof": "dofs", "mapping": "dofs", "map": "dofs", "asm": "dofs", "inp": "nodes", "xyz": "nodes"}
 
@@ -98,29 +99,8 @@ def _written(place: Path) -> list[Path]:
         small.write_map(place / "a.map"),
     ]
     written += [small.write_places(place / "a.xyz")]
-    (place / "a.inp").write_text(_INP)
-    (place / "a.asm").write_text(_ASM)
-    (place / "grid.xyz").write_text("GRID,3,0,6.,0.,3.,0\nGRID           11       0    1.-1      2.      3.\n")
-    return sorted(path for path in place.iterdir() if path.is_file())
+    seeds = (path for path in SEEDS.iterdir() if path.suffix != ".toml")
+    return sorted(path for path in (*place.iterdir(), *seeds) if path.is_file())
 
 
-_INP = """*NODE
-3, 0, 0, 0
-11, 1, 0, 0
-12, 1, 1, 0
-40, 0, 1, 0
-*ELEMENT, TYPE=S4
-1, 3, 11,
-12, 40
-"""
-_ASM = """SEBULK,101,EXTOP4,,MANUAL,,,101
-SECONCT,101,0,,NO
-,3,3,110,110,19,19,27,27
-CORD2R,10,0,0.0,0.0,0.0,1.0,0.0,0.0
-,0.0,1.0,0.0
-GRID,3,0,600.,0.,300.,10
-GRID,19,0,600.,300.,0.,0
-GRID,27,0,600.,0.,0.
-SPOINT,110
-"""
 TARGETS = [StructureTarget()]
