@@ -16,8 +16,7 @@ def text_of(page: Path | str) -> str:
 
 def fenced(page: Path | str, *kinds: str) -> list[str]:
     """What stands in the fences of these kinds, of a page or of its text."""
-    text = page if isinstance(page, str) else text_of(page)
-    return [block for kind, block in _FENCE.findall(text) if kind in kinds]
+    return [block for kind, block in _FENCE.findall(page if isinstance(page, str) else text_of(page)) if kind in kinds]
 
 
 def prose(page: Path | str) -> str:

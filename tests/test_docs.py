@@ -88,8 +88,7 @@ def test_every_key_of_the_summary_is_documented_in_its_section(data):
     page = DOCS / "summary-json.md"
     sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(page)}
     for name, keys in _leaf_tables(summary):
-        documented = next(rows for heading, rows in sections.items() if heading.startswith(name))
-        assert documented == keys, name
+        assert next(rows for heading, rows in sections.items() if heading.startswith(name)) == keys, name
     assert set(summary["parameters"]) == {"k11", "k12", "k22"}
     assert f"is **{summary['schema_version']}**" in text_of(page)
 
@@ -98,8 +97,7 @@ def test_every_figure_of_the_sampler_in_the_summary_is_documented():
     tree = ast.parse((ROOT / "src" / "jointbayes" / "posterior" / "run_record.py").read_text(encoding="utf-8"))
     (function,) = (node for node in tree.body if getattr(node, "name", "") == "sampler_figures")
     written = {key.value for key in function.body[-1].value.keys}
-    sections = dict(_sections(DOCS / "summary-json.md"))
-    assert {key for key, _ in TABLE_ROW.findall(sections["`sampler`"])} == written
+    assert {key for key, _ in TABLE_ROW.findall(dict(_sections(DOCS / "summary-json.md"))["`sampler`"])} == written
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -272,8 +270,7 @@ def test_the_first_case_that_is_shown_says_what_has_no_default_and_no_more():
 
 def test_the_list_of_cases_has_every_case_of_the_repository():
     listed = text_of("cases.md")
-    named = re.findall(r"`(\w+\.toml)`", listed)
-    assert sorted(set(named)) == sorted(path.name for path in CONFIGS.glob("*.toml"))
+    assert sorted(set(re.findall(r"`(\w+\.toml)`", listed))) == sorted(path.name for path in CONFIGS.glob("*.toml"))
     rows = re.findall(r"^\| `(\w+\.toml)` \|", listed, re.MULTILINE)
     assert sorted([*rows, "virtual_test.toml"]) == sorted(path.name for path in CONFIGS.glob("*.toml"))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from tests.case.refusal_rows import parts_named
 from tests.conftest import STEEL, rod
 from tests.pages import PAGES, ROOT, fenced, prose
 from tests.report.test_several_tests import OWN, TORQUES
@@ -100,19 +101,7 @@ def test_every_block_of_python_runs_as_it_stands(page, clone, request):
 
 
 #: What a call in a line of text leaves to its reader.
-FILLED_IN = {
-    "jb.BeamFamily(jb.BeamRecipe(...), {})": "jb.BeamFamily(jb.BeamRecipe(0.4, section, steel, law, 10), {})",
-    "jb.FrameFamily(jb.FrameRecipe(...), {})": "jb.FrameFamily(jb.FrameRecipe(strip, law), {})",
-    "jb.chain(...)": "jb.chain([1.0, 2.0], [('1', '2', 1e3)], law)",
-    'jb.blocks_of({"left": ..., "right": ...})': 'jb.blocks_of({"left": joint, "right": joint})',
-    "jb.Problem([…], prior)": "jb.Problem(tests, torques.prior)",
-    'jb.calibrate(case, 1000).write("reports/mine")': 'jb.calibrate(case, 4).write("reports/mine")',
-    "jb.calibrate(case, 1000, near=True)": "jb.calibrate(case, 4, near=True)",
-    'posterior.interval("k11")': 'posterior.interval("loose.k11")',
-    'posterior.verdict("k22").words': 'posterior.verdict("loose.k22").words',
-    'posterior.predict_frf(test="short")': 'posterior.predict_frf(test="loose")',
-    'posterior.predict_natural_frequencies(test="short")': 'posterior.predict_natural_frequencies(test="loose")',
-}
+FILLED_IN = dict(line.split(" ;; ") for line in parts_named("documented_calls")["filled in"].splitlines())
 
 
 @pytest.mark.science

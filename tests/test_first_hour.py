@@ -23,8 +23,7 @@ def test_a_newcomer_does_what_the_remedy_says_and_no_more(row, message, mended):
 
 @pytest.mark.whole
 def test_a_sample_has_a_case_that_validates_after_one_round_and_one_of_them_a_report():
-    newcomers = first_hour(["tip.csv", "hit.csv", "hits.tdms"], short=True)
-    assert [newcomer.rounds for newcomer in newcomers] == [1] * 15
+    assert [newcomer.rounds for newcomer in first_hour(["tip.csv", "hit.csv", "hits.tdms"], short=True)] == [1] * 15
     (whole,) = first_hour(["tip.uff"], ["decimal comma"])
     assert whole.rounds == 1, whole.said
 

@@ -121,8 +121,7 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
     posterior.save(tmp_path / "own.nc")
     with pytest.raises(jb.ModelError, match=r"parts that no file can hold: problem\.tests\[0\]\.noise \(Plain\);"):
         jb.load_posterior(tmp_path / "own.nc")
-    again = jb.load_posterior(tmp_path / "own.nc", problem=problem)
-    np.testing.assert_array_equal(again["k22"], posterior["k22"])
+    np.testing.assert_array_equal(jb.load_posterior(tmp_path / "own.nc", problem=problem)["k22"], posterior["k22"])
 
 
 @pytest.mark.parametrize(("noise", "said"), [

@@ -137,8 +137,7 @@ def test_of_eighteen_storeys_eight_combinations_are_known():
         stiffness = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
         eigenvalues, shapes = np.linalg.eigh(stiffness / np.sqrt(np.outer(mass, mass)))
         shapes = shapes[:, :4] / np.sqrt(mass)[:, None]
-        ratios = (shapes[seen] / shapes[-1]).T
-        return np.concatenate([0.5 * np.log(eigenvalues[:4]) / 0.005, ratios.ravel() / 0.05])
+        return np.concatenate([0.5 * np.log(eigenvalues[:4]) / 0.005, (shapes[seen] / shapes[-1]).T.ravel() / 0.05])
 
     truth = np.log([joint["kx"] for joint in spec["reference"]["stiffness"].values()])
     slope = np.array([values(truth + step) - values(truth - step) for step in 1e-5 * np.eye(18)]) / 2e-5

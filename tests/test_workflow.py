@@ -41,8 +41,7 @@ def receptances(k11, k12, k22, outputs=(12, 6), inputs=(12,)):
     k, m = square_rod()
     whole = (1 + 1j * LOSS) * k
     whole[:2, :2] += np.array([[k11, k12], [k12, k22]])
-    solved = [np.linalg.inv(whole - (2 * np.pi * f) ** 2 * m)[np.ix_(outputs, inputs)] for f in LINES]
-    return np.array(solved)
+    return np.array([np.linalg.inv(whole - (2 * np.pi * f) ** 2 * m)[np.ix_(outputs, inputs)] for f in LINES])
 
 
 def measured():

@@ -16,8 +16,7 @@ def case_text_named(name: str) -> str:
 
 def parts_named(name: str) -> dict[str, str]:
     """Parts of cases in ``texts``, by what stands behind "== " before each."""
-    text = (HERE / "texts" / f"{name}.txt").read_text(encoding="utf-8")
-    _, *parts = re.split(r"^== ", text, flags=re.MULTILINE)
+    _, *parts = re.split(r"^== ", (HERE / "texts" / f"{name}.txt").read_text(encoding="utf-8"), flags=re.MULTILINE)
     return dict(part.split("\n", 1) for part in parts)
 
 

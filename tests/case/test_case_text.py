@@ -11,7 +11,7 @@ from jointbayes.case.parse import parse_case
 from tests.case.refusal_rows import parts_named
 from tests.one_line import refused
 
-BASE, TABLES = parts_named("case_text").values()
+BASE, TABLES, REFUSED = parts_named("case_text").values()
 
 
 def write(directory: Path, **files: str) -> Path:
@@ -81,24 +81,9 @@ def test_a_text_without_extends_is_itself():
     assert (text.text, text.place(("structure", "length_mm"))) == (BASE, ("x.toml", 4))
 
 
-EXTENDS = 'extends = "base.toml"\n'
-
-
-@pytest.mark.parametrize(("case", "base", "words"), [
-    ('\nextends = "case.toml"\n', "", "case.toml:2: extends: found a circle, .*case.toml → .*case.toml; expected"),
-    (EXTENDS, 'title = "B"\nextends = "case.toml"\n',
-     "base.toml:2: extends: found a circle, .*case.toml → .*base.toml → .*case.toml; expected"),
-    ('extends = "bass.toml"\n', BASE, 'extends: found "bass.toml", which is no file; .*"base.toml"'),
-    ('extends = "../base.toml"\n', "", r"extends: found \"../base.toml\", which leads out of .*--allow-outside"),
-    ("extends = 3\n", "", "extends: found int; expected the name of a case file, a text; write for example"),
-    ('remove = ["data"]\n[data]\n', "", "remove: found it in a file that builds on none"),
-    (f'{EXTENDS}remove = ["prior.k1"]\n', BASE,
-     'case.toml:2: remove: found "prior.k1", which the base does not have; .* "prior.k11"'),
-    (f'{EXTENDS}remove = "data"\n', BASE, "remove: found what is no key"),
-    (f'{EXTENDS}remove = [""]\n', BASE, "remove: found what is no key"),
-    (EXTENDS, "a = \n", "base.toml:1: a: .*expected TOML"),
-])  # fmt: skip
-def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, case, base, words):
+@pytest.mark.parametrize("line", REFUSED.splitlines())
+def test_what_cannot_be_built_on_is_refused_in_one_line_with_file_and_key(tmp_path, line):
+    case, base, words = line.replace("\\n", "\n").replace("$BASE", BASE).split(" ;; ")
     path = write(tmp_path / "here", case=case, **({"base": base} if base else {}))
     refused(lambda: read_case_text(path), jb.CaseError, words)
 

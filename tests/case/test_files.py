@@ -241,8 +241,7 @@ def test_a_rotation_in_the_likelihood_replaces_its_stations(tmp_path):
     frf = virtual(("5:y", "1:y", "2:y"))
     stored(frf, tmp_path / "tip.npz")
     rotation = '[data.rotations."1:rz"]\nstations = ["1:y", "2:y"]\nspacing_mm = 50.0\nin_likelihood = true\n'
-    case = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation))
-    measured = case.problem.test.data
+    measured = loaded(tmp_path, frf_data(channels=STATIONS, variance=COHERENCE + rotation)).problem.test.data
     assert measured.frf.outputs == ("5:y", "1:rz")
     variance = jb.coherence_variance(frf)[:, 1:, 0].sum(axis=1) / 0.05**2
     np.testing.assert_allclose(measured.variance[:, 1, 0], variance, rtol=1e-9)

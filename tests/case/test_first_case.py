@@ -191,8 +191,7 @@ def test_a_recording_says_nothing_of_its_blocks_where_it_is_no_hammers(tmp_path)
 def write_hit(path: Path, head: str) -> None:
     (force, response), *_ = hits(1)
     samples = enumerate(zip(force.tolist(), response.tolist(), strict=True))
-    rows = [f"{i / 5120:.7f},{x!r},{y!r}" for i, (x, y) in samples]
-    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    path.write_text("\n".join([head, *[f"{i / 5120:.7f},{x!r},{y!r}" for i, (x, y) in samples]]), encoding="utf-8")
 
 
 def test_one_hit_has_the_noise_that_a_modal_fit_leaves_and_its_case_is_valid(tmp_path):

@@ -72,8 +72,7 @@ def test_it_is_the_problem_of_its_matrices(home):
 
 
 def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, counted, tmp_path):
-    posterior = jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
-    jb.write_report(posterior, tmp_path / "report")
+    jb.write_report(jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS), tmp_path / "report")
     jb.load_case(home / "case.toml")
     assert len(counted) == 1
 

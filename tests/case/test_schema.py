@@ -203,8 +203,7 @@ def test_the_clamped_beam_is_the_one_of_the_paper():
 
 @pytest.mark.parametrize("name", ["youngs_modulus", "density", "length", "section_size", "shear_coefficient"])
 def test_natural_frequencies_may_come_from_an_uncertain_structure_with_noise_of_unknown_scale(name):
-    text = f'{SIGNED}\n[uncertain.{name}]\nsd_percent = 1.0\n[noise]\nscale = "sampled"\n'
-    case = parse_case(text)
+    case = parse_case(f'{SIGNED}\n[uncertain.{name}]\nsd_percent = 1.0\n[noise]\nscale = "sampled"\n')
     assert (list(case.uncertain.given), case.noise.scale) == ([name], "sampled")
 
 
@@ -217,8 +216,7 @@ def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measu
 
 
 def test_an_integer_is_accepted_where_a_number_is_meant():
-    length = parse_case(GOOD.replace("length_mm = 383.0", "length_mm = 383")).structure.length_mm
-    assert isinstance(length, float)
+    assert isinstance(parse_case(GOOD.replace("length_mm = 383.0", "length_mm = 383")).structure.length_mm, float)
 
 
 # (20.9 - 20) / 0.3 is 2.9999999999999956 in floating point: the line at f_max_hz must not be lost.

@@ -129,8 +129,7 @@ def test_noise_is_that_of_all_tests_or_of_each():
     scaled = '[noise]\nscale = "sampled"\n'
     assert built(scaled + TWO).problem.names[3:] == ("noise_scale",)
     assert built(scaled + "own = true\n" + TWO).problem.names[3:] == ("long.noise_scale", "short.noise_scale")
-    one = built(TWO + '[tests.short.noise]\nscale = "sampled"\n').problem.names[3:]
-    assert one == ("short.noise_scale",)
+    assert built(TWO + '[tests.short.noise]\nscale = "sampled"\n').problem.names[3:] == ("short.noise_scale",)
 
 
 def test_a_case_with_tests_may_be_built_on_another(tmp_path):
@@ -169,8 +168,7 @@ def test_damping_of_a_workshop_is_one_factor_that_every_test_can_have():
 
 
 def test_a_factor_that_is_integrated_out_is_each_tests_own():
-    case = built("[noise]\nscale = 'integrated'\nown = true\n" + TWO)
-    assert "noise_scale" not in "".join(case.problem.names)
+    assert "noise_scale" not in "".join(built("[noise]\nscale = 'integrated'\nown = true\n" + TWO).problem.names)
     built("[noise]\nscale = 'integrated'\n[tests.alone]\n")
     built("[tests.long]\n[tests.short.noise]\nscale = 'integrated'\n")
 
@@ -201,8 +199,7 @@ def test_a_plan_may_be_for_a_stiffness_of_any_test():
 
 def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
     """So are the lists and tables that name them, and what a case takes of the one that it builds on."""
-    plan = '\n[plan.tests.mid.structure]\nlength_mm = 250.0\n[left_out]\ntests = ["short"]\n'
-    today = BASE + TWO + plan
+    today = BASE + TWO + '\n[plan.tests.mid.structure]\nlength_mm = 250.0\n[left_out]\ntests = ["short"]\n'
     older = re.sub(r"(?<=[\[.])tests(?=[.\]])|(?<=\n)tests(?= =)", "setups", today)
     assert (older.count("setups"), parse_tests(older)) == (5, parse_tests(today))
     (tmp_path / "older.toml").write_text(older, encoding="utf-8")

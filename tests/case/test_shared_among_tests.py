@@ -99,8 +99,7 @@ def test_of_the_quantities_of_bodies_only_that_which_a_test_cannot_have_is_left_
     text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y") + "[uncertain.bodies.holder.density]\nsd_percent = 2.0\n"
     key = ("uncertain", "bodies", "tool", "density")
     found, rest = drop_inherited(texts_of_tests(case_text(text + "[tests.a]\n", "case"))["a"], key)
-    assert found == key
-    assert rest.data["uncertain"]["bodies"] == {"tool": {}, "holder": {"density": {"sd_percent": 2.0}}}
+    assert (found, rest.data["uncertain"]["bodies"]) == (key, {"tool": {}, "holder": {"density": {"sd_percent": 2.0}}})
     assert "youngs_modulus" in rest.data["uncertain"]
 
 

@@ -59,8 +59,7 @@ def test_an_error_of_a_length_in_mm_is_one_of_the_straight_body_that_has_it():
         return next(n for n in prior.nuisances if n.name.endswith("length"))
 
     tool = length_of(STRAIGHT.replace("density]\nsd_percent = 3.0", "length]\nsd_mm = 0.05"))
-    assert (tool.name, tool.unit, tool.nominal) == ("tool.length", "mm", 100.0)
-    assert tool.prior.sd == pytest.approx(5e-4)
+    assert ((tool.name, tool.unit, tool.nominal), tool.prior.sd) == (("tool.length", "mm", 100.0), pytest.approx(5e-4))
     like = STRAIGHT.replace("tip = [180, 0, 0]", "tip = [160, 0, 0]") + "[uncertain.length]\nsd_mm = 0.2\n"
     assert length_of(like).prior.sd == pytest.approx(0.2 / 80)
     with pytest.raises(jb.CaseError, match=r"uncertain.length.sd_mm: found one factor for bodies of different lengths"):

@@ -22,8 +22,7 @@ def loaded(
     rows = [f"{f},{h.real!r},{h.imag!r}" for f, h in zip(LINES.tolist(), values.tolist(), strict=True)]
     head = f"Frequency [Hz],Real acc / shaker [{unit}],Imag acc / shaker [{unit}]"
     (folder / "tip.csv").write_text("\n".join([head, *rows]), encoding="utf-8")
-    text = CASE.replace("KIND", kind).replace("FORCE", force) + more
-    (folder / "case.toml").write_text(text, encoding="utf-8")
+    (folder / "case.toml").write_text(CASE.replace("KIND", kind).replace("FORCE", force) + more, encoding="utf-8")
     return jb.load_case(folder / "case.toml")
 
 
@@ -49,8 +48,7 @@ def test_modes_need_no_unit(tmp_path):
 
 @pytest.mark.science
 def test_with_an_uncertain_gain_the_joint_and_the_gain_are_found(tmp_path):
-    gain = "[uncertain.gain]\nlow_factor = 0.001\nhigh_factor = 1000.0\n"
-    problem = loaded(tmp_path, VARIANCE + gain).problem
+    problem = loaded(tmp_path, VARIANCE + "[uncertain.gain]\nlow_factor = 0.001\nhigh_factor = 1000.0\n").problem
     estimate = jb.find_map(problem)
     assert problem.prior.values(estimate.theta)[2] == pytest.approx(1.52e6, rel=0.15)
     assert np.exp(estimate.theta[problem.names.index("gain")]) == pytest.approx(NEWTON_PER_VOLT, rel=0.02)

@@ -53,8 +53,7 @@ def _files(root: Path) -> Iterator[str]:
 def _memory(most: int) -> Iterator[None]:
     """Address space bound while an input is attempted, so that a bomb ends in MemoryError and not in the machine's."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    bound = most if hard == resource.RLIM_INFINITY else min(most, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
+    resource.setrlimit(resource.RLIMIT_AS, ((most if hard == resource.RLIM_INFINITY else min(most, hard)), hard))
     try:
         yield
     finally:
@@ -65,8 +64,7 @@ def _where(error: BaseException) -> str:
     """File and function of the packages where an error was raised: faults at one place are one fault."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = tuple(f"{os.sep}{package}{os.sep}" for package in ("jointbayes", "vibrecords"))
-    own = [frame for frame in frames if any(package in frame.filename for package in ours)] or frames
-    last = own[-1]
+    last = ([frame for frame in frames if any(package in frame.filename for package in ours)] or frames)[-1]
     return f"{type(error).__name__} in {Path(last.filename).name}:{last.name}"
 
 

@@ -89,8 +89,7 @@ def _values(where: str, kept: Any, found: Any, *, exact: bool) -> Iterator[Diffe
 
 
 def _difference(where: str, kept: Any, found: Any) -> Difference:
-    words = ("nothing" if value is _ABSENT else repr(value) for value in (kept, found))
-    return Difference(where, *words)
+    return Difference(where, *("nothing" if value is _ABSENT else repr(value) for value in (kept, found)))
 
 
 def near(kept: float, found: float) -> bool:

@@ -3,6 +3,7 @@
 import copy
 import json
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,25 +13,7 @@ from tests.same.cases import IN_CI, NAMES
 from tests.same.compare import Difference, differences, judged, masked
 from tests.same.record import number, sentences, without_passing
 
-RECORD = {
-    "made_with": {"numpy": "2.4.6", "blas": "openblas Haswell"},
-    "draws_sha256": "0a1b",
-    "summary": {
-        "converged": True,
-        "parameters": {
-            "k22": {
-                "median": 1.5179e6,
-                "median_error": 500.0,
-                "interval95": [1.5071e6, 1.5537e6],
-                "interval95_error": [600.0, 700.0],
-                "verdict": "identified",
-                "limit95": None,
-            }
-        },
-        "check": {"sentence": "Misfit 1.0023 times the noise.", "steps": 150},
-    },
-    "report": ["The model explains the data.", "k22  | 1.518 × 10⁶ (1.507)", "Of 15 starts 15 succeed."],
-}
+RECORD = json.loads(Path(__file__).with_name("example.json").read_text(encoding="utf-8"))
 
 
 def changed(*path, to):
@@ -89,8 +72,7 @@ def test_a_rounding_boundary_is_no_difference(median):
 @pytest.mark.parametrize(("kept", "found", "same"), [(9.9999, 10.0, True), (9.9997, 10.0, True), (9.998, 10.0, False),
                                                      (0.0, 1e-9, False), (-1.0, 1.0, False), (0, 0, True)])  # fmt: skip
 def test_a_unit_of_the_fifth_digit_is_that_of_the_larger_number(kept, found, same):
-    values = [{**RECORD, "summary": {"parameters": {}, "x": x}} for x in (kept, found)]
-    assert (differences(*values) == []) == same
+    assert (differences(*[{**RECORD, "summary": {"parameters": {}, "x": x}} for x in (kept, found)]) == []) == same
 
 
 def test_draws_of_another_arithmetic_may_differ_but_not_words_verdicts_and_intervals():

@@ -81,8 +81,7 @@ def test_noise_less_data_are_the_prediction():
     theta = problem.prior.mean
     drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
     predicted = problem.log_posterior.likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
-    error = np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.test.data.variance / 400)
-    assert error.max() < 4.0
+    assert (np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.test.data.variance / 400)).max() < 4.0
 
 
 def test_a_term_of_ones_own_is_refused():

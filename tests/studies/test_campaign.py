@@ -293,8 +293,7 @@ SMALL = (
 @pytest.mark.whole
 def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
     table = table_of(tmp_path, SMALL)
-    command = ["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")]
-    ended = cli(*command)
+    ended = cli(*["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")])
     assert ended.exit_code == 0, ended.output  # two joints make no population
     says(ended.stdout, "2 cases: 2 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.jsonl'}")
     assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
@@ -376,8 +375,7 @@ def test_measurement_files_elsewhere_are_refused_with_their_row_before_any_work(
     assert ended.exit_code == 2
     assert line.startswith(f'jointbayes: {table}:3: data.file: found "../README.md", which leads out of the')
     assert not out.exists()
-    alone = table_of(tmp_path, "key,data.file\nb,../README.md\n")
-    ended = cli(*command[:1], alone, *command[2:], "--allow-outside")
+    ended = cli(*command[:1], table_of(tmp_path, "key,data.file\nb,../README.md\n"), *command[2:], "--allow-outside")
     assert ended.exit_code == 1
     assert "1 cases: 0 done, 1 failed" in ended.stdout
     assert "leads out" not in ended.stdout

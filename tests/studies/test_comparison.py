@@ -90,8 +90,7 @@ def test_a_hypothesis_keeps_the_priors_of_what_may_yield_and_holds_the_rest(case
 
 
 def test_what_else_is_uncertain_stays_so_under_every_hypothesis():
-    text = cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n"
-    problem = jb.case_from_text("uncertain", text).problem
+    problem = jb.case_from_text("uncertain", cheap_text() + "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n").problem
     for hypothesis in weigh.HYPOTHESES:
         assert weigh.hypothesis_problem(problem, hypothesis).names[-1] == "youngs_modulus"
     assert weigh.hypothesis_problem(problem, "rigid").names == ("youngs_modulus",)
@@ -146,8 +145,7 @@ def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_eviden
 def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, comparison):
     alone = jb.compare(cases[1:], seed=3)
     assert [c.evidence.log_z for c in alone.candidates] == [c.evidence.log_z for c in comparison.candidates[2:]]
-    other = jb.compare(cases[1:], seed=4)
-    assert abs(other.candidates[1].evidence.log_z - alone.candidates[1].evidence.log_z) > 1e-6
+    assert abs(jb.compare(cases[1:], seed=4).candidates[1].evidence.log_z - alone.candidates[1].evidence.log_z) > 1e-6
 
 
 def of(case, log_z, hypothesis="rotation", **changes):
@@ -264,8 +262,7 @@ def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
     np.testing.assert_allclose(found.elpd_i[reliable], expected[reliable], atol=0.05)
     assert found.elpd < total.max()
     difference, se = found.difference(found)
-    assert (difference, se) == (0.0, 0.0)
-    assert found.se == pytest.approx(np.sqrt(found.elpd_i.size) * found.elpd_i.std())
+    assert ((difference, se), found.se) == ((0.0, 0.0), pytest.approx(np.sqrt(found.elpd_i.size) * found.elpd_i.std()))
 
 
 def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_case):
@@ -292,8 +289,7 @@ def test_the_summary_is_json_without_infinities_and_says_what_is_rigid(compariso
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     rigid = summary["candidates"][0]
     assert (rigid["rigid"], rigid["map"]) == (["k11", "k22"], {"k11": None, "k12": 0.0, "k22": None})
-    assert summary["best"] == {"case": "short", "hypothesis": "springs"}
-    assert summary["candidates"][3]["words"] == "best"
+    assert (summary["best"], summary["candidates"][3]["words"]) == ({"case": "short", "hypothesis": "springs"}, "best")
     assert sum(row["probability"] for row in summary["candidates"]) == pytest.approx(1.0)
 
 

@@ -205,8 +205,7 @@ def test_a_noise_that_knows_its_lines_follows_those_of_the_candidate():
 
 def test_a_wider_band_adds_only_its_own_lines_with_the_floor_of_all():
     case = jb.case_from_text("wide", cheap_text() + "\n[plan]\nf_max_hz = 3000.0\n")
-    band = next(c for c in candidates_of(case) if c.name.startswith("band"))
-    measured = band.problem(case.problem, TRUTH).test.data
+    measured = next(c for c in candidates_of(case) if c.name.startswith("band")).problem(case.problem, TRUTH).test.data
     present = case.problem.test.data.frf.frequency_hz
     np.testing.assert_allclose(np.diff(np.concatenate([present[-1:], measured.frf.frequency_hz])), 10.0)
     assert measured.frf.frequency_hz[-1] == 3000.0

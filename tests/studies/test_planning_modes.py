@@ -70,8 +70,7 @@ def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_a
     np.testing.assert_allclose(ratios.sd, 0.01 * np.maximum(np.abs(ratios.values), 0.01))
     drawn = [first.problem(problem, TRUTH, np.random.default_rng(i)).test.data for i in range(100)]
     np.testing.assert_array_equal(drawn[0].frequency_hz, exact.frequency_hz)
-    spread = np.std([data.shapes.components.values for data in drawn], axis=0)
-    np.testing.assert_allclose(spread, ratios.sd, rtol=0.2)
+    np.testing.assert_allclose(np.std([data.shapes.components.values for data in drawn], axis=0), ratios.sd, rtol=0.2)
     short = candidates["short"].problem(problem, TRUTH).test.data
     assert short.frequency_hz[0] > 2 * exact.frequency_hz[0]
     np.testing.assert_allclose(short.sd_hz, 0.002 * short.frequency_hz)
@@ -79,8 +78,7 @@ def test_beside_modes_candidates_are_ratios_at_further_dofs_the_free_structure_a
 
 def test_a_sensor_that_is_there_already_is_none_and_its_reference_is_that_of_all():
     shown = 'shapes = {dofs = ["6:y"], reference = "9:y", components = [[0.6], [-1.2], [0.9]], sd = 0.02}\n'
-    text = edited(FREQUENCIES, ('"natural_frequencies"', '"modes"'), ("sd_hz = 0.0\n", shown))
-    candidates = named(text + PLAN)
+    candidates = named(edited(FREQUENCIES, ('"natural_frequencies"', '"modes"'), ("sd_hz = 0.0\n", shown)) + PLAN)
     assert (list(candidates), candidates["2:y"].reference) == (["2:y", "free"], "9:y")
 
 

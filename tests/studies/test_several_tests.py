@@ -178,8 +178,7 @@ def test_cases_whose_tests_have_joints_of_their_own_say_why_they_are_in_no_popul
     for key, case in (("own", case_of(TORQUES, OWN)), ("shared", case_of(TORQUES))):
         posterior_of(case).save(tmp_path / f"{key}.nc")
     done = {"status": DONE, "converged": True, "order": 0}
-    rows = [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")]
-    write_index(tmp_path, rows)
+    write_index(tmp_path, [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")])
     draws, left_out = read_draws(tmp_path, read_index(tmp_path))
     assert ([row.key for row in draws.rows], left_out) == (["shared"], {"own": OTHER_KIND})
 

@@ -67,8 +67,7 @@ def test_task_whose_worker_dies_is_done_again_and_one_that_kills_three_is_set_as
     assert (len(found), {key for key, o in found.items() if o.killed_worker}) == (12, {"task 5"})
     assert found["task 5"].error == "its worker ended by SIGKILL"
     assert found["task 5"].value is None
-    again = {key: o.attempts for key, o in found.items() if o.attempts > 1}
-    assert again == {"task 3": 2, "task 5": 3, "task 7": 2}
+    assert {key: o.attempts for key, o in found.items() if o.attempts > 1} == {"task 3": 2, "task 5": 3, "task 7": 2}
     assert all(found[f"task {i}"].value == i**2 for i in range(12) if i != 5)
     assert len(list(tmp_path.iterdir())) == 16  # attempts in all: none was done twice without need
 
