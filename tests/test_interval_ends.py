@@ -9,16 +9,8 @@ pytestmark = pytest.mark.docs
 
 def rows(seeds, stated, rng):
     """Ends of scatter 1 with this stated error."""
-    return [
-        {
-            "seed": seed,
-            "converged": True,
-            "seconds": 1.0,
-            "ends": {"k": rng.normal(size=2).tolist()},
-            "errors": {"k": [stated, stated]},
-        }
-        for seed in range(seeds)
-    ]
+    whole = {"converged": True, "seconds": 1.0, "errors": {"k": [stated, stated]}}
+    return [{"seed": seed, "ends": {"k": rng.normal(size=2).tolist()}, **whole} for seed in range(seeds)]
 
 
 def test_the_ratio_is_scatter_over_stated_error():

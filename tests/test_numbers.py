@@ -70,17 +70,10 @@ def test_the_pages_quote_the_record_at_all():
     marked = {page.name: quoted.INLINE.findall(page.read_text(encoding="utf-8")) for page in quoted.pages()}
     assert len(marked["README.md"]) >= 3
     assert len(marked["not-identified.md"]) >= 3
-    blocks = {
-        (page.name, kind)
-        for page in quoted.pages()
-        for kind in re.findall(r"<!--numbers (\w+)", page.read_text(encoding="utf-8"))
-    }
-    assert {
-        ("lapped-beams.md", "run"),
-        ("lapped-beams.md", "verdicts"),
-        ("cases.md", "cases"),
-        ("uncertain.md", "intervals"),
-    } <= (blocks)
+    kinds = {page.name: re.findall(r"<!--numbers (\w+)", page.read_text("utf-8")) for page in quoted.pages()}
+    blocks = {(page, kind) for page, each in kinds.items() for kind in each}
+    assert {("lapped-beams.md", "run"), ("lapped-beams.md", "verdicts"), ("cases.md", "cases"),
+            ("uncertain.md", "intervals")} <= (blocks)  # fmt: skip
     assert {("comparison.md", "compare"), ("paper.md", "identify"), ("continuous-integration.md", "check")} <= blocks
 
 

@@ -16,28 +16,25 @@ CIRCLE = (
     'shape = "circle"             # or "tube", "rectangle", "box", each with its own dimensions\ndiameter_mm = 25.0'
 )
 B, H, T = 0.040, 0.020, 0.003
+
+
+def ring(outer: float, inner: float = 0.0) -> tuple[float, float, float]:
+    """Area, and second moments for bending along y and along z."""
+    return math.pi * (outer**2 - inner**2), *2 * (math.pi * (outer**4 - inner**4) / 4,)
+
+
+def block(width: float, height: float) -> tuple[float, float, float]:
+    return width * height, width * height**3 / 12, height * width**3 / 12
+
+
 #: Key lines, area, second moments for bending along y and along z.
 SECTIONS = {
-    "circle": (
-        'shape = "circle"\ndiameter_mm = 30.0',
-        math.pi * 0.015**2,
-        math.pi * 0.015**4 / 4,
-        math.pi * 0.015**4 / 4,
-    ),
-    "tube": (
-        'shape = "tube"\nouter_diameter_mm = 40.0\ninner_diameter_mm = 30.0',
-        math.pi * (0.020**2 - 0.015**2),
-        math.pi * (0.020**4 - 0.015**4) / 4,
-        math.pi * (0.020**4 - 0.015**4) / 4,
-    ),
-    "rectangle": ('shape = "rectangle"\nwidth_mm = 40.0\nheight_mm = 20.0', B * H, B * H**3 / 12, H * B**3 / 12),
-    "box": (
-        'shape = "box"\nwidth_mm = 40.0\nheight_mm = 20.0\nwall_mm = 3.0',
-        B * H - (B - 2 * T) * (H - 2 * T),
-        (B * H**3 - (B - 2 * T) * (H - 2 * T) ** 3) / 12,
-        (H * B**3 - (H - 2 * T) * (B - 2 * T) ** 3) / 12,
-    ),
-}
+    "circle": ('shape = "circle"\ndiameter_mm = 30.0', *ring(0.015)),
+    "tube": ('shape = "tube"\nouter_diameter_mm = 40.0\ninner_diameter_mm = 30.0', *ring(0.020, 0.015)),
+    "rectangle": ('shape = "rectangle"\nwidth_mm = 40.0\nheight_mm = 20.0', *block(B, H)),
+    "box": ('shape = "box"\nwidth_mm = 40.0\nheight_mm = 20.0\nwall_mm = 3.0',
+            *np.subtract(block(B, H), block(B - 2 * T, H - 2 * T))),
+}  # fmt: skip
 STATED_SHEAR = ('shear_coefficient = "cowper"', f"shear_coefficient = {KAPPA}")
 SPACE = (
     ("dofs_per_node = 2", "dofs_per_node = 5"),

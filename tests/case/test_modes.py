@@ -53,10 +53,7 @@ def test_eigenvalues_and_repeated_shapes_are_taken():
         BASE,
         ("frequencies_hz = [[118.0, 750.0], [122.0, nan]]", f"eigenvalues = {eigenvalue}"),
         ("sd_hz = 0.5\n", ""),
-        (
-            "components = [[0.14, 0.62], [-0.61, nan]]",
-            "components = [[[0.1, 0.6], [-0.6, nan]], [[nan, 0.7], [-0.5, nan]]]",
-        ),
+        ("= [[0.14, 0.62], [-0.61, nan]]", "= [[[0.1, 0.6], [-0.6, nan]], [[nan, 0.7], [-0.5, nan]]]"),
         ('reference = "11:y"', 'reference = ["11:y", "10:y"]'),
         ("numbers = [1, 2]", 'match = "shape"'),
     )

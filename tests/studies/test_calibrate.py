@@ -52,14 +52,9 @@ def uniform(rng):
 def test_quantities_are_those_that_the_prior_leaves_open(done):
     assert done.names == ("k11", "k12", "k22", DENSITY)
     signed = 'joint.parametrisation = "signed"\n'
-    text = (
-        small_case()
-        .text.replace("[prior.k12]", "[prior.rho]")
-        .replace(
-            'distribution = "log_normal"\nmedian = 5.0e6\nsd_log = 0.5',
-            'distribution = "uniform"\nlow = -0.9\nhigh = 0.9',
-        )
-    )
+    coupling = 'distribution = "log_normal"\nmedian = 5.0e6\nsd_log = 0.5'
+    text = small_case().text.replace("[prior.k12]", "[prior.rho]")
+    text = text.replace(coupling, 'distribution = "uniform"\nlow = -0.9\nhigh = 0.9')
     case = jb.case_from_text("signed", signed + text)
     assert data_sets.quantity_names(case.problem, case.problem) == ("k11", "k12", "k22", "rho", DENSITY)
 

@@ -152,19 +152,12 @@ def _key_added(rng: random.Random, content: bytes) -> bytes:
 def _grown(rng: random.Random, content: bytes) -> bytes:
     """Something that repeats often enough to show time that is more than linear."""
     count = rng.choice((10, 300, 3000))
-    part = rng.choice(
-        (
-            b"[" + b"a." * count + b"a]\n",
-            b"x = [" + b'"1:y",' * count + b"]\n",
-            b"x = " + b"[" * count + b"]" * count + b"\n",
-            b"".join(b"k%d = 1\n" % i for i in range(count)),
-            b"".join(b"[t%d]\n" % i for i in range(count)),
-            b"".join(b"[[t]]\n" for _ in range(count)),
-            b"x = {" + b",".join(b"k%d=1" % i for i in range(count)) + b"}\n",
-            b"a." * count + b"a = 1\n",
-            b'x = "' + b"\\u0041" * count + b'"\n',
-        )
-    )
+    part = rng.choice((
+        b"[" + b"a." * count + b"a]\n", b"a." * count + b"a = 1\n", b"x = [" + b'"1:y",' * count + b"]\n",
+        b"x = " + b"[" * count + b"]" * count + b"\n", b'x = "' + b"\\u0041" * count + b'"\n', b"[[t]]\n" * count,
+        b"".join(b"k%d = 1\n" % i for i in range(count)), b"".join(b"[t%d]\n" % i for i in range(count)),
+        b"x = {" + b",".join(b"k%d=1" % i for i in range(count)) + b"}\n",
+    ))  # fmt: skip
     lines = _lines(content)
     lines.insert(rng.randrange(len(lines) + 1), part)
     return b"\n".join(lines)

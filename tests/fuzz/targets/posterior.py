@@ -128,13 +128,10 @@ def _somewhere(rng: random.Random, record: dict[str, Any]) -> tuple[Any, Any]:
 
 def _other_text(rng: random.Random, text: str) -> str:
     at = rng.randrange(len(text) + 1)
+    one, value = rng.choice(string.printable), rng.choice([v for v in _VALUES if isinstance(v, str)])
+    before, after = text[:at], text[at + 1 :]
     return rng.choice(
-        (
-            text[:at] + rng.choice(string.printable) + text[at + 1 :],
-            text[:at] + rng.choice([v for v in _VALUES if isinstance(v, str)]) + text[at:],
-            text[:at] + str(rng.choice(_NUMBERS)) + text[at + 1 :],
-            text[:at],
-        )
+        (before + one + after, before + value + text[at:], f"{before}{rng.choice(_NUMBERS)}{after}", before)
     )
 
 
