@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case.spec.structure_table import RayleighDampingSpec
+from jointbayes.case.spec.structure_tables import RayleighDampingSpec
 from jointbayes.inference import GaussianNoise, IntegratedScale, ScaledNoise, StudentNoise
 from tests.conftest import cheap_text, edited, pair_matrix
 

@@ -32,7 +32,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.files import simulate as simulate_command
 from jointbayes.joint import Joints
-from jointbayes.posterior.candidate import Candidate, FrfCandidate, StatedVariance
+from jointbayes.posterior.first_look import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test
 from jointbayes.studies.planning import make_plan

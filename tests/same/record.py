@@ -18,7 +18,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 import jointbayes as jb
-from jointbayes.report import ReportInputs, build_report, figures, render_html
+from jointbayes.report import ReportInputs, build_report, drawing, render_html
 from jointbayes.reproducibility import one_blas_thread
 from tests.conftest import plain_reports
 from tests.same.cases import DEAR, made, quick, quick_run
@@ -42,7 +42,7 @@ Record = dict[str, Any]
 def shortened(name: str) -> Iterator[None]:
     """Short runs wherever the report makes one, and no pictures."""
     with (
-        patch.object(figures, "svg", lambda *_: _BLANK),
+        patch.object(drawing, "svg", lambda *_: _BLANK),
         patch.object(jb.SamplerSettings, "for_one_of_many", quick),
         plain_reports() if name in DEAR else nullcontext(),
     ):

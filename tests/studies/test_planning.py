@@ -11,8 +11,8 @@ from jointbayes.case.case_objects import recipe_of
 from jointbayes.frf import DirectSolve
 from jointbayes.inference import ProportionalNoise
 from jointbayes.posterior import first_look
-from jointbayes.posterior.candidate import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.first_look import FrfCandidate, estimated_law, repeated
 from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.knowledge import taken_as_exact
 from jointbayes.posterior.next_step import spread_in_words

@@ -8,8 +8,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
-from jointbayes.posterior.candidate import FrfCandidate
-from jointbayes.posterior.first_look import FirstLook, WithOwn, fisher_information, own_of
+from jointbayes.posterior.first_look import FirstLook, FrfCandidate, WithOwn, fisher_information, own_of
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.make_plan import WithFurther
 from jointbayes.studies.planning.plan_report import plan_lines
