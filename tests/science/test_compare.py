@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import load_case
-from jointbayes.posterior.evidence import nested_evidence
 from jointbayes.studies.compare import compare, hypothesis_problem
 from tests.conftest import CONFIGS, on_paper_elements
 
@@ -76,16 +75,6 @@ def test_evidences_of_springs_agree_with_quadrature(cases, found, case, hypothes
     evidence = found[case, hypothesis].evidence
     assert evidence.log_z == pytest.approx(expected, abs=4 * evidence.error + 1e-3)
     assert evidence.error < 0.01
-
-
-@pytest.mark.long  # .ci/run has that of the same case in test_evidence.py
-def test_the_evidence_of_the_full_joint_agrees_with_nested_sampling(cases, found):
-    problem = cases[SHORT].problem
-    rng = np.random.default_rng(5)
-    nested = nested_evidence(problem.log_posterior.log_likelihood, problem.prior.transform, 3, rng, live=150)
-    evidence = found[SHORT, "full"].evidence
-    assert evidence.log_z == pytest.approx(nested.log_z, abs=4 * np.hypot(nested.error, evidence.error))
-    assert nested.error < 0.3
 
 
 @pytest.mark.docs
