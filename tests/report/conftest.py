@@ -40,13 +40,13 @@ SAMPLER = {
 
 
 def posterior_about(case, middle, widths):
-    """A posterior of made-up draws about a point: only where they go matters."""
-    problem, rng = case.problem, np.random.default_rng(1)
-    theta = middle + widths * rng.normal(size=(4, 25, middle.size))
+    """A posterior of made-up draws about a point: only where they go matters. Widths may be a root of a covariance."""
+    problem, rng, root = case.problem, np.random.default_rng(1), np.diag(widths) if np.ndim(widths) == 1 else widths
+    theta = middle + rng.normal(size=(4, 25, middle.size)) @ root.T
     density = problem.log_posterior(theta.reshape(100, -1)).reshape(4, 25)
     tree = draws_tree(problem, Draws(theta, density, np.arange(4)), problem.prior.sample(rng, 100))
     at = float(problem.log_posterior(middle)[0])
-    estimate = jb.MapEstimate(middle, problem.prior.values(middle), np.diag(widths**2), at, ())
+    estimate = jb.MapEstimate(middle, problem.prior.values(middle), root @ root.T, at, ())
     ones = dict.fromkeys(problem.names, 1.0)
     sampler = SAMPLER | {"tau": ones, "ess": ones}
     record = RunRecord(case.name, case.text, 1, True, "made up", sampler, ones, package_versions())

@@ -1,0 +1,220 @@
+"""Golden pages: what terminal, summary, page one and reports say of made-up results, a sentence a line.
+
+`GOLDEN=update pytest -n 0 tests/report/test_golden.py` keeps what they say now; read the diff.
+"""
+
+import os
+import re
+from dataclasses import replace
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jointbayes as jb
+from jointbayes.cli.common import print_summary
+from jointbayes.identification import SearchEffort
+from jointbayes.posterior.verdicts import mode_sentence
+from jointbayes.report import Report, ReportInputs, render_html
+from jointbayes.report.sections.intervals import verdict_sentences
+from jointbayes.report.sections.lead import lead
+from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
+from tests.conftest import TABLE_3, cheap_text, of_case, plain_reports, unsettled
+from tests.posterior.test_decision import as_measured
+from tests.posterior.test_verdicts import widened_by, with_cached
+from tests.report import conftest as kinds
+from tests.report import test_several_tests as several
+from tests.same.compare import masked
+from tests.same.record import NUMBER, number, sentences
+
+GOLDEN = Path(__file__).parent / "golden"
+#: Numbers of a page may differ by this share, for a climb ends elsewhere by another arithmetic.
+NEAR = 0.02
+#: But for those of these lines, which tell how small an error is or where a failed iteration went.
+LOOSE = ("It moves k", "The paper's iteration", "Step ")
+PASSING = re.compile(r"\b\d{4}-\d\d-\d\d(?=jointbayes)|\b[0-9a-f]{16,64}\b")
+
+
+def moved(posterior, gain, *sds):
+    """The posterior whose draws lead to a mode so many standard deviations away, so much higher."""
+    sd = np.sqrt(np.diag(posterior.estimate.covariance))
+    at = posterior.estimate.log_posterior + gain
+    return replace(posterior, mode_theta=posterior.estimate.theta + sd * np.array(sds), mode_log_density=at)
+
+
+def wider(posterior, change, **more):
+    """The posterior whose draws with wider priors are its own, changed."""
+    theta = np.tile(posterior.theta, (40, 1))
+    change(theta, posterior.problem.prior.marginals[2])
+    return widened_by(posterior, theta, **more)
+
+
+def beyond(*ends):
+    """A tenth of the draws of k22 beyond each of these ends of its prior."""
+
+    def change(theta, prior):
+        for i, end in enumerate(ends):
+            theta[400 * i : 400 * (i + 1), 2] = prior.high + 0.1 if end == "upper" else prior.low - 0.1
+
+    return change
+
+
+def spread(column, times):
+    def change(theta, _):
+        middle = np.median(theta[:, column])
+        theta[:, column] = middle + times * (theta[:, column] - middle)
+
+    return change
+
+
+def unfit(posterior, chi2=9.0):
+    """The very posterior with another misfit per line."""
+    check = replace(posterior.checks[0], chi2_per_line=chi2)
+    vars(posterior).update(check=check, checks=(check,))
+    return posterior
+
+
+def excluding(posterior, share):
+    """The posterior of which the draws beyond its limit are so small a share of the prior's."""
+    tree, limit = posterior.tree.copy(deep=True), np.quantile(posterior.values("k22"), 0.05)
+    drawn = tree["prior"].to_dataset()["k22"]
+    below = np.arange(drawn.size) < share * drawn.size
+    tree["prior/k22"] = drawn.copy(data=np.where(below, limit / 2, limit * 20.0)[None])
+    return wider(replace(posterior, tree=tree), beyond("upper"))
+
+
+def failed_search(posterior):
+    effort = SearchEffort(squares=400.0, limit=1.2, starts=20, agreeing=12)
+    return replace(posterior, estimate=replace(posterior.estimate, effort=effort))
+
+
+ABOUT = {"title": "Clamp", "specimen": "Clamp **12**", "date": "2026-11-25", "operator": "A. Miller"}
+#: States of one result, by what is the matter with it.
+STATES = {
+    "settled": lambda p: p,
+    "measured": as_measured,
+    "stopped": lambda p: unsettled(p, "not converged at 9 of 9 steps"),
+    "missed_the_best_fit": lambda p: moved(p, 7.25, 1.0, 1.0, 1.0),
+    "mode_apart": lambda p: moved(p, -3.0, 0.0, 2.5, 0.0),
+    "mode_outside_an_interval": lambda p: replace(p, mode_theta=p.mode_theta + np.array([0.0, 0.0, 1.0])),
+    "model_does_not_fit": lambda p: unfit(with_cached(p), 9.0),
+    "model_fits_badly": lambda p: unfit(with_cached(p), 4.0),
+    "model_fits": lambda p: unfit(with_cached(p), 1.0),
+    "both_bounds_and_does_not_fit": lambda p: unfit(wider(p, beyond("lower", "upper"))),
+    "upper_bound_and_does_not_fit": lambda p: unfit(wider(p, beyond("upper"))),
+    "mode_apart_and_does_not_fit": lambda p: unfit(moved(p, -3.0, 0.0, 2.5, 0.0)),
+    "stopped_and_does_not_fit": lambda p: unfit(unsettled(p)),
+    "upper_bound": lambda p: wider(p, beyond("upper")),
+    "lower_bound": lambda p: wider(p, beyond("lower")),
+    "both_bounds": lambda p: wider(p, beyond("lower", "upper")),
+    "limit_of_the_prior": lambda p: excluding(p, 0.09),
+    "limit_of_the_data": lambda p: excluding(p, 0.11),
+    "rests_on_a_narrow_prior": lambda p: wider(p, spread(2, 60.0)),
+    "wider_priors_move_it": lambda p: wider(p, lambda theta, _: theta.__isub__(np.array([0.0, 0.0, 5.0]))),
+    "wider_priors_unreliable": lambda p: wider(p, lambda *_: None, reliable=False),
+    "wider_priors_change_nothing": lambda p: wider(p, lambda *_: None),
+    "search_missed_the_data": failed_search,
+    "with_what_was_tested": lambda p: of_case(p, about=ABOUT),
+}
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A result of made-up draws about the best fit: of k11 little is known, and k22 is known well."""
+    case = jb.case_from_text("cheap", cheap_text())
+    best = jb.find_map(case, seed=1)
+    return replace(kinds.posterior_about(case, best.theta, np.linalg.cholesky(best.covariance)), estimate=best)
+
+
+def in_sentences(text):
+    """Lines of a terminal, broken at the ends of sentences."""
+    return [part for line in text.splitlines() for part in re.split(r"(?<=[.!?:;]) (?=[A-Z*])", line.strip()) if part]
+
+
+def page_of_state(posterior, capsys):
+    """All that is said of a result in short: on the terminal, in the summary and on page one."""
+    inputs = ReportInputs(posterior)
+    summary = inputs.__dict__["summary"] = posterior.summary()
+    print_summary(posterior)
+    report = Report("Clamp", "", tuple(lead(inputs)), (), kinds.DATE, "1")
+    parts = {
+        "terminal": in_sentences(f"{capsys.readouterr().out}{mode_sentence(posterior)}"),
+        "summary": in_sentences(f"{summary}\n{posterior!r}\n{posterior.estimate!r}"),
+        "page one": [*sentences(render_html(report)), *in_sentences(verdict_sentences(summary))],
+    }
+    return [line for title, lines in parts.items() for line in (f"# {title}", *lines)]
+
+
+def require_golden(name, found):
+    """The page is the one that is kept, word by word, and its numbers are near; of a variant what its base lacks."""
+    found = [PASSING.sub(lambda m: "DATE" if "-" in m[0] else "HASH", line) for line in found]
+    if name in VARIANTS:
+        base = {*(GOLDEN / f"{VARIANTS[name]}.txt").read_text(encoding="utf-8").splitlines()}
+        found = [line for line in found if line not in base]
+    path = GOLDEN / f"{name}.txt"
+    if os.environ.get("GOLDEN") == "update":
+        path.write_text("\n".join(found) + "\n", encoding="utf-8")
+    kept = path.read_text(encoding="utf-8").splitlines()
+    for one, other in zip_longest(kept, found, fillvalue=""):
+        assert masked(other) == masked(one), f"{path.name}: kept {one!r}"
+        values = [[number(text) for text in NUMBER.findall(line)] for line in (one, other)]
+        if not one.startswith(LOOSE):
+            assert values[1] == pytest.approx(values[0], rel=NEAR, abs=1e-4), f"{path.name}: {one!r}, found {other!r}"
+
+
+def with_published(posterior, values):
+    return kinds.report_of(of_case(posterior, reference=np.array(values), reference_source="Table 3"))
+
+
+#: Whole reports, by what they are about; what only one of several tests says stands in the pages of tests.
+REPORTS = {
+    "report": lambda p: with_published(p, TABLE_3),
+    "report_published_disagree": lambda p: with_published(p, (5.05e9, -3.44e7, 1.52e6)),
+    "report_missed_the_best_fit": lambda p: kinds.report_of(of_case(moved(p, 9.0, 1.0, 1.0, 1.0))),
+    "report_model_does_not_fit": lambda p: kinds.report_of(unfit(of_case(p))),
+    "report_uncertain": lambda _: kinds.report_of(
+        kinds.with_coherence(kinds.made_up("uncertain", cheap_text() + kinds.UNCERTAIN, TABLE_3))
+    ),
+    "report_overhangs": lambda _: of_tests(BASE + CLAMP_EDGE + TWO + several.HEARD),
+    "report_torques": lambda _: of_tests(several.OWN + several.TORQUES),
+    "report_torques_alike": lambda _: of_tests(
+        (several.OWN + several.TORQUES).replace("k22 = 2.2e6", "k22 = 1.52e6").replace("0.6e6", "1.52e6")
+    ),
+    "report_assemblies": lambda _: of_tests(
+        several.OWN + several.TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n", 0.001
+    ),
+    "comparison": lambda _: kinds.comparison(),
+    "plan": lambda p: kinds.plan(p.case),
+    "calibration": lambda _: kinds.calibration(),
+}
+
+
+#: Of these only the lines are kept that the page of another name does not have.
+VARIANTS = {
+    "report_published_disagree": "report",
+    "report_missed_the_best_fit": "report",
+    "report_model_does_not_fit": "report",
+    "report_torques_alike": "report_torques",
+    "report_assemblies": "report_torques",
+}
+
+
+def of_tests(text, sd=0.01):
+    return kinds.report_of(several.posterior_of(jb.case_from_text("tests", text), sd))
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_what_a_report_says(name, made):
+    with plain_reports():
+        require_golden(name, sentences(render_html(REPORTS[name](made))))
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_what_is_said_of_a_result(name, made, capsys):
+    with plain_reports():
+        require_golden(name, page_of_state(STATES[name](made), capsys))
+
+
+def test_every_golden_page_is_compared():
+    assert {path.stem for path in GOLDEN.glob("*.txt")} == {*STATES, *REPORTS}
