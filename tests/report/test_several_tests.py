@@ -20,8 +20,7 @@ from jointbayes.posterior.homogeneity import ModeShift
 from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.model import Figure, Lights, Paragraph, Table
-from jointbayes.report.sections.lead import lead
+from jointbayes.report.model import Figure, Paragraph, Table
 from jointbayes.report.sections.run_details import starts_section
 from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
@@ -213,16 +212,6 @@ def test_the_report_has_a_section_for_each_test(overhangs):
         assert sum(text.startswith("Test ") for text in said) == 1
         frequencies = next(b for b in section.blocks if isinstance(b, Table) and b.caption.startswith("Natural"))
         assert f"{part.natural_frequencies_hz(TABLE_3, 1)[0, 0]:.2f}" in frequencies.rows[0]
-
-
-@pytest.mark.usefixtures("plain_reports")
-@pytest.mark.whole
-def test_page_one_says_whether_all_tests_are_explained(overhangs):
-    blocks = lead(inputs_of(overhangs))
-    (lights,) = (block for block in blocks if isinstance(block, Lights))
-    assert lights.lights[1].text.startswith("Explains the data of all 3 tests. Misfit ")
-    tested = next(block.text for block in blocks if isinstance(block, Paragraph))
-    assert all(f" {name} (Beam, " in tested for name in ("long", "short", "heard"))
 
 
 def test_a_curve_has_the_quantity_of_each_test_in_the_order_of_the_levels(torques):

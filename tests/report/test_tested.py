@@ -80,18 +80,6 @@ def test_every_test_that_looks_different_is_drawn():
     assert figure.svg == one
 
 
-def test_the_sentence_is_made_from_the_data(cheap_posterior):
-    text, figure = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
-    assert isinstance(figure, Figure)
-    data = cheap_posterior.problem.test.data
-    noise = 100 * np.median(np.sqrt(data.variance) / np.abs(data.frf.values))
-    assert text.text == (
-        "**Tested.** Beam, 383 mm long, section circle 25 mm: 1 computed receptance FRF (force and response at tip, "
-        f"vertical (5:y)), 249 lines from 20 to 2500 Hz, noise {noise:.2g} % of |H| (median). Joint: 1:y, 1:rz "
-        "to ground."
-    )
-
-
 def test_a_structure_that_nobody_can_draw_is_told_in_words(cheap_posterior, monkeypatch):
     monkeypatch.setattr("jointbayes.report.sections.lead.sketch", lambda *_: "")
     (text,) = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
