@@ -338,5 +338,5 @@ def test_every_number_that_the_schema_knows_is_moved():
     moved = {key for each in CHECKED for _, key, _ in each}
     numbers = sorted(key for key in set(schema_keys()) if not ELSEWHERE.fullmatch(key))
     unmoved = [key for key in numbers if not any(map(expression(key).fullmatch, moved))]
-    assert unmoved == [], "state them in a case of key_cases.py, with a line of key_lines.py each"
+    assert unmoved == [], "state them in a case of key_cases.py, with a line of key_lines.txt each"
     assert [line for line in KEYS if not any(map(expression(line[0]).fullmatch, moved))] == []
