@@ -31,9 +31,17 @@ def found(patterns, text):
     return [text[max(0, m.start() - 60) : m.end() + 40] for p in patterns for m in re.finditer(p, text, re.IGNORECASE)]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", ["main", "uncertain", "tests", "frequencies", "frame", "plan", "comparison"])
 def test_a_report_is_in_plain_words(reports, name):
     assert found(NOT_SAID + NOT_REPORTED, page_text(reports[name])) == []
+
+
+@pytest.mark.parametrize(
+    "page", sorted((CONFIGS.parent / "tests" / "report" / "golden").iterdir()), ids=lambda p: p.stem
+)
+def test_a_golden_page_is_in_plain_words(page):
+    assert found(NOT_SAID + NOT_REPORTED, page.read_text(encoding="utf-8")) == []
 
 
 PAGES = [CONFIGS.parent / "README.md", *sorted((CONFIGS.parent / "docs").rglob("*.md"))]

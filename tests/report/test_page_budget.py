@@ -44,6 +44,7 @@ def test_a_table_is_as_high_as_its_rows():
     assert heights[1] - heights[0] == heights[2] - heights[1] > 100
 
 
+@pytest.mark.whole
 def test_the_report_of_a_clamp_has_at_most_2500_words(reports):
     assert MOST["words"] == 2500
     assert 1000 < words_of(render_html(reports["main"])) <= MOST["words"]

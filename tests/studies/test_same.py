@@ -51,6 +51,7 @@ def test_the_first_sentence_answers_in_words_with_the_interval():
     assert "has not changed by more than chance, all stiffnesses together: -6.2 %" in said(LOOSER, p_value=0.2)[0]
 
 
+@pytest.mark.whole
 def test_a_change_is_told_from_none_where_the_error_of_the_model_is_larger_than_either(changes):
     for kind, factor in same_joint.KINDS.items():
         change = changes[kind]

@@ -105,6 +105,7 @@ def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
     assert max(len(keys) for keys in together) == 2
 
 
+@pytest.mark.whole
 def test_workers_have_one_thread_and_leave_ctrl_c_to_the_driver():
     forkserver._forkserver._stop()  # one that another test has begun has the environment of then
     found = [o.value for o in run_tasks(task_functions.settings_of_worker, numbered(6), workers=2)]

@@ -63,7 +63,7 @@ def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
         else:
             reasons.append(
                 f"the best fits that draws and search lead to are {posterior.mode_distance:.2g} standard deviations "
-                f"apart, that of the draws {-gain:.3g} lower in log density"
+                f"apart, the draws' {-gain:.3g} lower in log density"
             )
     if not posterior.check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
         size, level = math.sqrt(posterior.check.chi2_per_line), posterior.check.level

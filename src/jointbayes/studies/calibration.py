@@ -350,7 +350,7 @@ def _data_sets(calibration: Calibration) -> Table:
         ("processor time of each, median", f"{summary['median_seconds']:.2g} s"),
         ("processor time of all", f"{summary['total_seconds'] / 60:.3g} min"),
     )
-    return Table(f"What became of {len(calibration.data_sets)} data sets", ("", "Data sets"), rows, align="lr")
+    return Table(f"Results of {len(calibration.data_sets)} data sets", ("", "Data sets"), rows, align="lr")
 
 
 def _figure(calibration: Calibration) -> Figure:

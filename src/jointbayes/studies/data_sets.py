@@ -335,7 +335,7 @@ DENSITY = "log density"
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """What became of one data set; truth, rank and ends of the 95 % interval are in the order of the quantities.
+    """Result of one data set; truth, rank and ends of the 95 % interval are in the order of the quantities.
 
     Parameters
     ----------
