@@ -96,7 +96,9 @@ def of_case(posterior: Posterior, **stated: object) -> Posterior:
     return replace(posterior, case=StatedCase(**({"stated": posterior.problem} | stated)))  # type: ignore[arg-type]
 
 
-def unsettled(posterior: Posterior, reason: str = "not converged: 200 steps") -> Posterior:
+def unsettled(
+    posterior: Posterior, reason: str = "not converged after 200 steps (limit 200): τ is not known"
+) -> Posterior:
     """The posterior as one of a run that did not converge."""
     return replace(posterior, record=replace(posterior.record, converged=False, reason=reason))
 

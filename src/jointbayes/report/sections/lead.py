@@ -76,7 +76,7 @@ def _stops(inputs: ReportInputs) -> list[Block]:
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
         reason = posterior.reason.removeprefix("not converged ")
-        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}: {NOT_SETTLED}.** {reason}.")]
+        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}: {NOT_SETTLED}** {reason}.")]
     if summary.no_verdict:
         return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     return []
