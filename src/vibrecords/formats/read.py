@@ -198,7 +198,12 @@ def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generato
 
 
 #: Formats that the first words of a file tell.
-_TOLD_BY_BEGINNING = {b"MATLAB 7.3": "mat73", b"MATLAB 5.0": "mat", b"LabVIEW Measurement": "lvm", b"TDSm": "tdms"}
+_TOLD_BY_BEGINNING = {
+    b"MATLAB 7.3": "mat73",
+    b"MATLAB 5.0": "mat",
+    b"LabVIEW Measurement": "lvm",
+    b"TDSm": "tdms",
+}
 _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "uff": lambda path, _: read_uff(path),
     "lvm": lambda path, _: records_of_tables(read_lvm(path)),
