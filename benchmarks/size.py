@@ -54,7 +54,7 @@ def sizes(top: Path) -> tuple[Counter[str], Counter[str]]:
     return lines, files
 
 
-def longest_functions(top: Path, most: int = 60) -> list[str]:
+def longest_functions(top: Path, most: int = 100) -> list[str]:
     """Functions under a directory of more than so many lines without their docstrings: place, name and length."""
     long = []
     for path in sorted(top.rglob("*.py")):
