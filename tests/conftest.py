@@ -21,6 +21,7 @@ from jointbayes.case import case
 from jointbayes.case.case import Case, case_from_text
 from jointbayes.case.case_text import read_case_text
 from jointbayes.cli.commands import main
+from jointbayes.cli.common import FAULT_OF_THE_PROGRAM
 from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
@@ -136,6 +137,7 @@ def cli(*arguments: object) -> Result:
     """What a command leaves, run in this process; whatever it was given, it ends by an exit status."""
     result = CliRunner().invoke(main, [str(a) for a in arguments])
     assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
+    assert result.exit_code != FAULT_OF_THE_PROGRAM, result.output
     assert "Traceback" not in result.output or "JOINTBAYES_DEBUG" in os.environ
     return result
 

@@ -210,7 +210,7 @@ def test_the_page_on_exit_codes_has_those_of_the_command_line():
 
     page = text_of("exit-codes-and-errors.md")
     stated = {int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)}
-    stopped = {cli.INTERRUPTED, cli.OUTPUT_CLOSED, cli.TERMINATED}
+    stopped = {cli.FAULT_OF_THE_PROGRAM, cli.INTERRUPTED, cli.OUTPUT_CLOSED, cli.TERMINATED}
     assert stated == {0, cli.NOT_MATCHED, cli.CASES_FAILED, cli.BAD_INPUT, cli.NOT_CONVERGED} | stopped
     assert f"| {cli.NOT_MATCHED} | the check does not match" in page
     assert f"| {cli.BAD_INPUT} | bad input" in page

@@ -58,6 +58,17 @@ def test_without_any_damping_the_joint_is_that_of_its_stiffness(law):
     np.testing.assert_array_equal(frequencies.frequency_hz(KIND.matrix(K)), of_stiffness)
 
 
+@pytest.mark.parametrize("joint", [Joint(("1:y",)), CLAMP, TWO])
+def test_what_changes_nothing_of_this_joint_has_no_slope(joint):
+    # in a problem of two tests each test's joint has directions that move only the joint of the other test
+    model, softer = receptance_model(rod(), joint, PORTS), -np.eye(joint.size)
+    k = np.diag([5e7, 6e4, 3e6, 2e4])[: joint.size, : joint.size]
+    _, slope = model.tangent(k, [0 * softer, softer])
+    by_hand = (model.receptance(k + 10 * softer)[0] - model.receptance(k - 10 * softer)[0]) / 20
+    np.testing.assert_array_equal(slope[0], 0.0)
+    np.testing.assert_allclose(slope[1], by_hand, rtol=1e-6, atol=1e-6 * np.abs(by_hand).max())
+
+
 MANY = Joints((*TWO.joints, Joint(("6:y",), name="middle")))
 KINDS = {"left": KIND, "right": SPRINGS, "middle": parametrisation_named("springs", ("y",))}
 K_MANY = np.array([*K_BOTH, 3e6])

@@ -4,9 +4,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import jointbayes as jb
+from jointbayes.cli.commands import main
 from jointbayes.studies.same import JointChange
 from tests.conftest import cli
 from tests.studies.calibration_cases import FREQUENCIES, TEXT
@@ -75,3 +78,15 @@ def test_the_exit_code_says_what_was_found(line, work, answer, code, said, tmp_p
         assert ("NOT CONVERGED, DO NOT USE THESE NUMBERS: no" in told["messages"]) == (code == 3)
     elif line.startswith("calibrate"):
         assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()
+
+
+def test_a_fault_of_the_program_has_an_exit_code_that_means_nothing_else(monkeypatch):
+    monkeypatch.delenv("JOINTBAYES_DEBUG", raising=False)
+    monkeypatch.setattr("jointbayes.studies.same.compare_joints", lambda *_: np.zeros(0).reshape(0, -1))
+    result = CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--quiet"])
+    assert (result.exit_code, result.stdout) == (70, "")
+    assert result.stderr.startswith("jointbayes: a bug in jointbayes: found ValueError in test_commands.py:")
+    assert result.stderr.endswith("please report it, with the case and what JOINTBAYES_DEBUG=1 prints\n")
+    assert result.stderr.count("\n") == 1
+    told = json.loads(CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--json"]).stdout)
+    assert (told["exit_code"], len(told["errors"])) == (70, 1)

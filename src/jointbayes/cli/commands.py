@@ -9,13 +9,14 @@ import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import click
 
 from jointbayes.cli import files, run, studies
-from jointbayes.cli.common import BAD_INPUT, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
+from jointbayes.cli.common import BAD_INPUT, FAULT_OF_THE_PROGRAM, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
 from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError
 from vibrecords.errors import printable
@@ -111,6 +112,17 @@ class _Commands(click.Group):
             if isinstance(error, BrokenPipeError) and is_closed(sys.stdout):
                 raise
             fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:  # Python's own exit code would be 1, which is an answer
+            if os.environ.get("JOINTBAYES_DEBUG"):
+                traceback.print_exc()
+            ours = [step for step in traceback.extract_tb(error.__traceback__) if "site-packages" not in step.filename]
+            place = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}"
+            found = " ".join(f"{type(error).__name__} in {place}: {error}".split())
+            remedy = "please report it, with the case and what JOINTBAYES_DEBUG=1 prints"
+            fail(f"jointbayes: a bug in jointbayes: found {found}; expected a result or a refusal; {remedy}")
+            sys.exit(FAULT_OF_THE_PROGRAM)
         else:
             return
         sys.exit(BAD_INPUT)
@@ -131,8 +143,8 @@ def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
     Exit status: 0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has
-    not converged, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign 1: cases failed; of
-    same 1: the joint has changed.
+    not converged, 70 a bug in jointbayes, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign
+    1: cases failed; of same 1: the joint has changed.
     """
     # Small linear algebra takes up to ten times as long on several threads, and has another last bit: not the user's
     # to choose. Read when NumPy is loaded, so not yet.

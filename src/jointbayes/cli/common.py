@@ -27,6 +27,7 @@ NOT_MATCHED = 1
 CASES_FAILED = 1
 BAD_INPUT = 2
 NOT_CONVERGED = 3
+FAULT_OF_THE_PROGRAM = 70  # EX_SOFTWARE of sysexits.h: no answer of any command has this code
 INTERRUPTED = 130  # as shells have it: 128 + SIGINT
 TERMINATED = 143  # the same with SIGTERM or SIGHUP
 OUTPUT_CLOSED = 141  # the same with SIGPIPE

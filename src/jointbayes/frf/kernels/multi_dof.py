@@ -296,9 +296,8 @@ class MultiDofCoupling:
         slopes = np.empty((len(change), self._lines, len(self.ports)), dtype=complex)
         for by_joint, slope in zip(change, slopes, strict=True):  # of several joints each changes few rows
             rows = np.flatnonzero(by_joint.any(axis=1))
-            moved = (by_joint[np.ix_(rows, rows)] @ at_inputs[rows].reshape(len(rows), -1)).reshape(
-                -1, *at_inputs.shape[1:]
-            )
+            flat = at_inputs[rows].reshape(len(rows), at_inputs[0].size)  # no row: a quantity of another test's joint
+            moved = (by_joint[np.ix_(rows, rows)] @ flat).reshape(-1, *at_inputs.shape[1:])
             slope[:] = -(at_outputs[rows] * moved).sum(axis=0).T
         h = self._complex_lines(value)[0].T
         return h.reshape(self._lines, self._n_out, self._n_in), slopes.reshape(
