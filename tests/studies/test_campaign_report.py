@@ -286,6 +286,17 @@ def test_joints_of_another_kind_stand_in_the_first_table_and_are_said_to_be_in_n
     assert float(lines[0]["first.kx.high95 (N/m)"]) == 63.3e6
 
 
+def test_no_text_of_a_table_is_written_as_a_formula(tmp_path, short_population):
+    rows, theta = made.campaign_rows(6, draws=60)
+    serials = ["=1+1", "\uff1d1+1", "\u202e=1+1", " \uff20A1", "\uff0d1", "A=1"]
+    rows = [row | {"serial": serial} for row, serial in zip(rows, serials, strict=True)]
+    made.write_campaign(tmp_path, rows, theta)
+    lines = csv.DictReader(joints_csv(examine_campaign(tmp_path)).splitlines())
+    written = {line["key"]: line["serial"] for line in lines}
+    expected = ["'=1+1", "'\uff1d1+1", "\\u202e=1+1", "' \uff20A1", "'\uff0d1", "A=1"]
+    assert [written[row["key"]] for row in rows] == expected
+
+
 def test_one_case_of_another_kind_among_pairs_is_named_on_page_one_and_to_be_looked_at(tmp_path, short_population):
     rows, theta = made.campaign_rows(6, draws=60)
     made.write_campaign(tmp_path, rows, theta)

@@ -15,11 +15,11 @@ import click
 
 from vibrecords.errors import printable
 
-#: Characters of a message; what it says beyond is printed with --verbose, and stands in --json and in reports.
+#: Characters of a warning that stands on one line; a longer one takes two. No message is cut: the terminal wraps it.
 LONGEST = 200
 _SHOWN_BYTES = 1e7  # no line of a larger file is shown
 #: A name, a path from here, and one from the root that no system takes.
-_LONG_NAME = re.compile(r"[^\s/]{81,}|(?<!\S)[^\s/]\S{160,}|\S{1000,}")
+_LONG_NAME = re.compile(r"[^\s/]{200,}|(?<!\S)[^\s/]\S{300,}|\S{1000,}")
 _VALUE = r"\s*=\s*(?:\[[^\]]*\]?|\{[^}]*\}?|\"[^\"]*\"?|[^,}#\s]*)"
 _FAULT = re.compile(r"(?:jointbayes: )?(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
 
@@ -59,42 +59,26 @@ def manner_option(flag: str, words: str) -> Callable[[Any], Any]:
 #: Options of every command.
 EVERYWHERE = (
     manner_option("--quiet", "No progress: only results, warnings and errors."),
-    manner_option(
-        "--verbose",
-        f"Whole messages, also those of more than {LONGEST} characters, and the time that each stage of a run took.",
-    ),
+    manner_option("--verbose", "The time that each stage of a run took."),
     manner_option("--json", "Print one JSON object on standard output; progress stays on standard error."),
 )
 open_option = manner_option("--open", "Open the report in the browser.")
 
 
-def shortened(text: str, most: int = LONGEST) -> str:
-    """A message of no more than so many characters, those of directories not counted: what is cut ends where words do.
+def shortened(text: str) -> str:
+    """Return a message in which of each endless name only both ends stay; no other part is cut.
 
-    Of a fault what was expected is cut, so that where it is, what was found and what to do stay. A message on how to go
-    on, which says where hours of work are kept, is never cut. Of an endless name both ends stay.
-
-    Examples
-    --------
-    >>> shortened("a.toml:3: key: found 1; expected one of twelve; remove it", 50)
-    'a.toml:3: key: found 1; expected one …; remove it'
+    A message on how to go on, which says where hours of work are kept, stays whole.
     """
-    if len(text) <= most or "go on with: " in text:
+    if "go on with: " in text:
         return text
-    text = _LONG_NAME.sub(lambda name: f"{name[0][:40]}…{name[0][-30:]}", text)
-    most += sum(map(len, re.findall(r"(?<!\S)/\S*/", text)))
-    if len(text) <= most:
-        return text
-    fault = re.fullmatch(r"(.*?; expected )(.*)(; .*)", text)
-    begin, middle, end = fault.groups() if fault else ("", text, "")
-    cut = middle[: max(most - len(begin) - len(end) - 1, 0)].rpartition(" ")[0]
-    return f"{(begin + cut).rstrip()} …{end}"
+    return _LONG_NAME.sub(lambda name: f"{name[0][:40]}…{name[0][-30:]}", text)
 
 
 def say(line: str, *, err: bool = False) -> None:
     """Print a line on standard output, or on standard error.
 
-    Characters that do not print are escaped, and what is too long is shortened. A closed standard error, as in
+    Characters that do not print are escaped, and endless names are shortened. A closed standard error, as in
     ``2>&1 | head -1``, is no reason to lose a run: what follows for it is dropped. Where the command prints JSON, what
     is for standard output becomes a part of that.
 
@@ -108,7 +92,7 @@ def say(line: str, *, err: bool = False) -> None:
         how.told["messages"].append(line)
         return
     show_status("")
-    _write(printable(line) if how.verbose else shortened(printable(line)), err=err)
+    _write(shortened(printable(line)), err=err)
 
 
 def _write(text: str, *, err: bool, nl: bool = True) -> None:
@@ -139,7 +123,7 @@ def warn(text: str) -> None:
     """Print a warning on standard error, in two lines where it is long, and keep it for JSON."""
     manner().told["warnings"].append(located(text))
     whole = f"jointbayes: warning: {text}"
-    head, _, rest = (whole, "", "") if shortened(whole) == whole else whole.partition("; ")
+    head, _, rest = (whole, "", "") if len(whole) <= LONGEST else whole.partition("; ")
     say(head, err=True)
     if rest:
         say(f"    {rest}", err=True)

@@ -28,7 +28,7 @@ def _note(stage: str) -> None:
 
 
 def say_stages() -> None:
-    """Print the processor time of each stage on standard error, where whole messages were asked for."""
+    """Print the processor time of each stage on standard error, where --verbose asks for it."""
     if not manner().verbose:
         return
     spent, ends = dict[str, float](), [began for _, began in _stages[1:]] + [_processor_seconds()]

@@ -3,6 +3,7 @@
 import csv
 import io
 import os
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -38,6 +39,7 @@ from jointbayes.studies.campaign.campaign_findings import (
 from jointbayes.studies.campaign.hierarchical import LEAST_EFFECTIVE, PopulationStiffness
 from jointbayes.studies.campaign.index import DONE, CaseRow
 from vibrecords.arrays import Array
+from vibrecords.errors import printable
 
 _MOST_LABELLED = 40  # joints that a figure names
 _STRETCHES = 300  # of ranks, where there are more joints
@@ -152,7 +154,7 @@ _RANKED = 6  # from either end of a ranking
 _MOST_JOINTS = 30  # in the table of joints
 _MOVED = 15  # joints in it where there are more
 _MOST_ROWS = 120  # in the table of every joint
-_LONGEST = 160  # characters of a reason
+_LONGEST = 160  # characters of a label
 _NOISY = 0.3  # Monte Carlo error in posterior sd that is said aloud
 _MOST_NAMED = 12
 _MOST_SAID = 3  # stiffnesses in the first sentence
@@ -272,7 +274,7 @@ def _why_no_population(findings: CampaignFindings) -> str:
 def _left_out(findings: CampaignFindings) -> str:
     """Reasons with which cases have no part in the population, and how many have each."""
     reasons = Counter(findings.left_out.values()).most_common(_MOST_NAMED)
-    return " ".join(f"Left out {_cases(count)}: {foreign(_cut(reason))}." for reason, count in reasons)
+    return " ".join(f"Left out {_cases(count)}: {foreign(reason)}." for reason, count in reasons)
 
 
 def _cases(count: int) -> str:
@@ -294,7 +296,7 @@ def _look_section(findings: CampaignFindings) -> ReportSection:
     if not looks:
         return ReportSection("look", "Cases that need a look", (Paragraph("None."),))
     rows = tuple(
-        (foreign(look.row.label), foreign(look.row.key), foreign(_cut("; ".join(look.reasons))))
+        (foreign(look.row.label), foreign(look.row.key), foreign("; ".join(look.reasons)))
         for look in looks[:_MOST_LOOKS]
     )
     kinds = tuple(
@@ -597,8 +599,12 @@ def joints_csv(findings: CampaignFindings) -> str:
 
 
 def _no_formula(text: str) -> str:
-    """Text that a spreadsheet shows and does not compute: behind an apostrophe where it begins as a formula does."""
-    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+    """Text that a spreadsheet shows and does not compute: behind an apostrophe where it begins as a formula does.
+
+    Compatible forms count as the sign, such as the full-width ＝, and marks that do not print are escaped.
+    """
+    text = printable(text)
+    return f"'{text}" if unicodedata.normalize("NFKC", text).lstrip().startswith(("=", "+", "-", "@")) else text
 
 
 _OURS = ("population", "control-", "ranking-")  # figures of an earlier report have such names
