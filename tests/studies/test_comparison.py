@@ -182,6 +182,26 @@ def test_the_verdict_answers_which_joint_and_what_is_excluded():
     )
 
 
+def test_a_joint_is_excluded_over_all_cases_and_not_by_the_best_case_alone():
+    # what docs/comparison.md weighs: rigid is impossible at 360 mm, and has probability 0.04 at 383 mm
+    log_z = {"springs": (-13.95, -18.15), "full": (-14.44, -16.49), "rigid": (-941.80, -16.45), "rotation": (-40, -41)}
+    every = [
+        of(case, z, joint) for joint, both in log_z.items() for case, z in zip(("short", "long"), both, strict=True)
+    ]
+    found = jb.Comparison(tuple(every), 1, "")
+    assert found.probabilities[5] == pytest.approx(
+        np.exp(-16.45) / np.exp([-13.95, -14.44, -16.45, -16.49, -18.15]).sum()
+    )
+    mean = {joint: np.log(np.mean(np.exp(both))) for joint, both in log_z.items()}
+    assert found.by_joint == pytest.approx(mean)
+    odds = np.exp(mean["springs"] - mean["rotation"])
+    assert found.sentences[1:] == (
+        "Cannot decide between springs without coupling and with coupling: odds 1.5 to 1.",
+        "Excluded in every case: springs in rotation only (odds 10¹¹ to 1).",
+    )
+    assert 10.5 < np.log10(odds) < 11.5
+
+
 def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
     assert weigh.what_differs(cases) == {"long": "length 383 mm", "short": "length 360 mm"}
     changes = ("length_mm = 360.0", "length_mm = 350.0"), ("walkers = 8", "walkers = 10")

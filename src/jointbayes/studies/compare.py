@@ -522,8 +522,18 @@ class Comparison:
     @property
     def by_case(self) -> dict[str, float]:
         """ln of the evidence of each case, its hypotheses as probable as each other before; the best first."""
-        log_z = {case: [c.evidence.log_z for c in self.candidates if c.case == case] for case in self._cases}
-        found = {case: float(special.logsumexp(each)) - math.log(len(each)) for case, each in log_z.items()}
+        return self._pooled([c.case for c in self.candidates])
+
+    @property
+    def by_joint(self) -> dict[str, float]:
+        """ln of the evidence of each hypothesis over all cases that weigh it, each as probable; the best first."""
+        return self._pooled([c.hypothesis for c in self.candidates])
+
+    def _pooled(self, groups: Sequence[str]) -> dict[str, float]:
+        """ln of the mean evidence in each group, from the group of each candidate."""
+        log_z = np.array([c.evidence.log_z for c in self.candidates])
+        each = {group: log_z[[g == group for g in groups]] for group in groups}
+        found = {group: float(special.logsumexp(z)) - math.log(len(z)) for group, z in each.items()}
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @property
@@ -552,17 +562,20 @@ class Comparison:
             (first, best), (second, next_best), *_ = self.by_case.items()
             first, second = self.labels.get(first, first), self.labels.get(second, second)
             sentences.append(_won(first, second, 2 * (best - next_best)))
-        inside = [c for c in self.ranking if c.case == next(iter(self.by_case))]
-        joints = [_short_meaning(c.hypothesis) for c in inside]
-        twice = [2 * (inside[0].evidence.log_z - c.evidence.log_z) for c in inside]
-        if len(inside) > 1:
-            sentences.append(_won(joints[0], joints[1], twice[1]))
+        # over all cases: a joint that is out of the question in the best case may still explain the data in another
+        joints = [_short_meaning(hypothesis) for hypothesis in self.by_joint]
+        best, *others = self.by_joint.values()
+        twice = [2 * (best - log_z) for log_z in others]
+        if others:
+            sentences.append(_won(joints[0], joints[1], twice[0]))
         elif len(self._cases) == 1:
             sentences.append(f"Nothing was compared: {joints[0]} is the only joint.")
-        if excluded := [(j, t) for j, t in zip(joints[2:], twice[2:], strict=True) if t > GRADES[-1][0]]:
-            sentences.append(f"Excluded: {', '.join(f'{joint} (odds {_odds(t)})' for joint, t in excluded)}.")
-        if inside[0].at_edge:
-            edges = ", ".join(dict.fromkeys(edge.name for edge in inside[0].at_edge))
+        if excluded := [(j, t) for j, t in zip(joints[2:], twice[1:], strict=True) if t > GRADES[-1][0]]:
+            everywhere = " in every case" if len(self._cases) > 1 else ""
+            told = ", ".join(f"{joint} (odds {_odds(t)})" for joint, t in excluded)
+            sentences.append(f"Excluded{everywhere}: {told}.")
+        if self.best.at_edge:
+            edges = ", ".join(dict.fromkeys(edge.name for edge in self.best.at_edge))
             sentences.append(f"Draws pile up at an edge of the prior of {edges}: the prior has a say in this.")
         return tuple(sentences)
 
