@@ -92,6 +92,18 @@ def test_a_case_without_priors_takes_the_frames_own_stiffness():
     assert low == pytest.approx(np.log(0.1 * own))
 
 
+@pytest.mark.parametrize(
+    ("masses", "words"),
+    [
+        ("4 = 1.0", "structure.masses_kg.4: found a mass that is joined to nothing, one of 1; expected a spring"),
+        (", ".join(f"{n} = 1.0" for n in range(4, 502)), "found a table of 501; expected at most 500 entries"),
+    ],
+)
+def test_masses_of_a_chain_are_joined_and_not_too_many(masses, words):
+    text = (CHAIN + SPRINGS).replace("3 = 1.5", f"3 = 1.5, {masses}")
+    refused(lambda: jb.case_from_text("chain", text), jb.CaseError, words)
+
+
 def test_a_chain_is_that_of_python_and_its_unknown_springs_are_joints():
     problem = jb.case_from_text("chain", CHAIN + SPRINGS).problem
     expected = jb.chain([1.0, 2.0, 1.5], [("2", "3", 1e5)], dampers=[("1", "ground", 5.0)])

@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 import jointbayes.cli
 from jointbayes import errors
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError
+from tests.conftest import cli
 from vibrecords.errors import printable
 
 #: Colours, a title of the window, one byte that begins an escape, a bell, backspaces, text turned round, a new line.
@@ -181,3 +183,11 @@ def test_a_working_directory_that_is_gone_is_named(tmp_path):
     done = subprocess.run(["sh", "-c", line], cwd=tmp_path / "gone", capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1] == "jointbayes: the working directory: No such file or directory"
+
+
+def test_a_warning_of_a_library_is_one_line_without_a_place_in_the_source(capsys):
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert cli("schema").exit_code == 0
+        warnings.warn("PDF report: 梁 is a box", RuntimeWarning, stacklevel=1)
+    assert capsys.readouterr().err == "jointbayes: warning: PDF report: 梁 is a box\n"

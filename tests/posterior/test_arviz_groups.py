@@ -1,6 +1,10 @@
 """What ArviZ is given: chains that flatter nobody, and ln L, ln p and replicated data of each draw."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import arviz as az
 import numpy as np
@@ -26,18 +30,32 @@ def groups(cheap_posterior):
     return cheap_posterior.to_arviz(megabytes=20)
 
 
-def test_arviz_is_imported_again_where_another_process_took_its_file_of_the_day(monkeypatch):
-    asked = []
+def test_arviz_is_imported_where_its_note_of_the_day_cannot_be_written(monkeypatch):
+    noted = []
 
     def imported(name):
-        asked.append(name)
-        if len(asked) < 3:
-            raise FileNotFoundError("daily_warning.tmp")
+        noted.append(os.environ.get("XDG_CACHE_HOME"))
+        if len(noted) == 1:
+            raise PermissionError("daily_warning")
+        assert Path(noted[1]).is_dir()
         return az
 
+    monkeypatch.setenv("XDG_CACHE_HOME", "mine")
     monkeypatch.setattr(storage, "import_module", imported)
     assert storage.imported_arviz() is az
-    assert asked == ["arviz"] * 3
+    assert noted[0] == os.environ["XDG_CACHE_HOME"] == "mine"
+    assert not Path(noted[1]).exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="HOME is not what Windows asks")
+def test_a_home_that_cannot_be_written_costs_nothing():
+    """Matplotlib, ArviZ and the loops each want a cache in the user's home."""
+    code = "from jointbayes.posterior.storage import imported_arviz as get; print(get().__name__)"
+    without = {key: value for key, value in os.environ.items() if not key.startswith(("XDG_", "MPLCONFIG"))}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=without | {"HOME": "/proc/none"}, text=True, capture_output=True
+    )
+    assert (done.returncode, done.stdout) == (0, "arviz\n"), done.stderr
 
 
 def names_of(groups):

@@ -14,6 +14,7 @@ from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises
 from jointbayes.posterior.decision import (
     TYPED,
     UsedMode,
+    _matched,
     _moved,
     _numbered_by_evidence,
     check_best_fit,
@@ -107,6 +108,13 @@ def test_a_resonance_that_the_model_does_not_have_is_named_and_not_used(measured
     (left_out,) = asked.premises.left_out
     assert left_out.startswith("The resonance at 150") or left_out.startswith("The resonance at 149")
     assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("away", "used"), [(0.099, True), (-0.099, True), (0.101, False), (-0.101, False)])
+def test_a_resonance_farther_than_a_tenth_from_every_mode_is_not_used(away, used):
+    seen = SimpleNamespace(frequency_hz=500.0 * math.exp(away))
+    numbers, far, _ = _matched([seen, SimpleNamespace(frequency_hz=1000.0)], np.array([200.0, 500.0, 1000.0]))
+    assert (numbers.tolist(), far) == (([2, 3], ()) if used else ([3], (0,)))
 
 
 def test_modes_of_frfs_are_counted_by_what_is_most_probable_and_zeros_with_them(asked):

@@ -172,6 +172,20 @@ def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
     assert high == pytest.approx(1e7 * (known - math.log(1e5) + 0.3 * Z95), rel=1e-3)
 
 
+@pytest.mark.parametrize(("short_by", "is_open"), [(0.3, True), (-0.1, False)])
+def test_an_end_is_open_where_the_prior_ends_before_the_likelihood_has_fallen_far_enough(short_by, is_open):
+    centre, sd = math.log(1e7), 0.2
+    edge = centre + sd * math.sqrt(2 * (FALL_TWO_SIDED - short_by))
+
+    def log_of(theta):
+        return -0.5 * ((theta - centre) / sd) ** 2 @ np.ones(2)
+
+    (low, high), _ = springs(log_of, Uniform(math.log(1e5), edge), Uniform(math.log(1e5), math.log(1e9))).limits(0)
+    assert low == pytest.approx(math.exp(centre - Z95 * sd), rel=2e-3)
+    assert math.isnan(high) == is_open
+    assert is_open or high == pytest.approx(math.exp(centre + Z95 * sd), rel=2e-3)
+
+
 @pytest.mark.science
 def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.posterior import other_structure
 from jointbayes.studies.predict import read_other
 from tests.conftest import TO_CONVERGE, cli, shipped_text
 
@@ -88,6 +89,32 @@ def test_the_error_of_the_model_is_as_large_as_the_data_show_it(wrong_model):
     # the band of an FRF at its peak is as wide as the interval of the frequency moves it
     peak = int(found.frf.magnitude[:, 0, 0].argmax())
     assert found.frf.magnitude_high[peak, 0, 0] > 1.5 * found.frf.magnitude_low[peak, 0, 0]
+
+
+def test_an_error_of_the_model_moves_frequencies_and_lines_alike(wrong_model, monkeypatch):
+    """A mode higher by 5 % is that of a structure stiffer by 1.05²: its FRF is the other's at f / 1.05, over 1.05²."""
+    recipe, error = recipe_of(wrong_model), 0.05
+    monkeypatch.setattr(other_structure, "_model_errors", lambda *_: None)
+    certain = wrong_model.predict(recipe, replace(TIP, frequency_hz=TIP.frequency_hz / (1 + error)), max_draws=20)
+    monkeypatch.setattr(
+        other_structure, "_model_errors", lambda *given: np.full_like(given[5], error) * np.ones((20, 1))
+    )
+    found = wrong_model.predict(recipe, TIP, max_draws=20)
+    np.testing.assert_allclose(found.frequency_hz[:, :2], (1 + error) * certain.frequency_hz[:, :2], rtol=1e-9)
+    np.testing.assert_allclose(found.values, certain.values / (1 + error) ** 2, rtol=1e-6)
+
+
+def test_dashpots_of_the_joint_keep_their_damping_ratio_in_a_mode_that_is_higher():
+    """K' = g K and C' = √g C: the FRF is H(f / √g) / g also with dashpots in the joint."""
+    problem = jb.case_from_text("damped", shipped_text("rotor_dampers")).problem
+    theta, grown = problem.prior.sample(np.random.default_rng(1), 5), 1.21
+    label = problem.test.joints.labels[0]
+    ports = jb.Ports(np.linspace(5.0, 100.0, 30), (label,), (label,))
+    inner = jb.Ports(ports.frequency_hz / np.sqrt(grown), (label,), (label,))
+    errors = np.full((5, 3), np.sqrt(grown) - 1)
+    found = other_structure._frfs(problem, theta, ports, errors, np.array([20.0, 50.0, 90.0]))
+    expected = other_structure._frfs(problem, theta, inner, None, np.array([20.0]))
+    np.testing.assert_allclose(found, expected / grown, rtol=1e-6)
 
 
 def test_what_was_never_asked_of_the_joint_is_said(cheap_posterior):

@@ -12,7 +12,14 @@ from vibrecords.formats import join_frfs
 from vibrecords.records import TimeRecord
 from vibrecords.signals.hits import HitSettings
 from vibrecords.signals.impact import frfs_of_hits, impact_frfs
-from vibrecords.signals.spectra import ImpactSettings, ShakerSettings, estimate_frf, shaker_frf, sort_by_force
+from vibrecords.signals.spectra import (
+    ImpactSettings,
+    ShakerSettings,
+    estimate_frf,
+    kept_lines,
+    shaker_frf,
+    sort_by_force,
+)
 from vibrecords.signals.windows import added_decay_rate
 from vibrecords.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from vibrecords.variance import coherence_variance
@@ -272,3 +279,10 @@ def test_the_variance_from_coherence_is_the_scatter_of_simulated_impact_tests(hi
     scatter = values.var(axis=0, ddof=1)
     assert (predicted / scatter).mean() == pytest.approx(1.0, abs=0.05)
     assert_array_equal([f.averages for f in found], hits)
+
+
+def test_a_band_that_ends_on_a_line_holds_it_however_the_line_is_rounded():
+    every = np.arange(6) * (1.0 / 10)
+    assert every[3] > 0.3
+    frequency, kept = kept_lines(10, 1.0, 0.1, 0.3)
+    assert (frequency.tolist(), kept.tolist()) == (every[1:4].tolist(), [1, 2, 3])

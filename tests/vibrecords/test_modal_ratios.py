@@ -5,7 +5,7 @@ import pytest
 
 from vibrecords import FrfSet
 from vibrecords.modal_fit import identify_modes
-from vibrecords.modal_ratios import identify_ratios
+from vibrecords.modal_ratios import _ratios, identify_ratios
 
 HZ = np.arange(20.0, 500.0, 1.0)
 MODES_HZ, DAMPING = np.array([80.0, 210.0, 390.0]), np.array([0.01, 0.008, 0.012])
@@ -57,3 +57,12 @@ def test_what_turns_has_no_ratio_and_one_sensor_has_none():
     only = turning.select(("6:rz", "11:y"), ("11:y",))
     assert identify_ratios(only, variance[:, 1:], modes) == ((), (), ())
     assert identify_ratios(frf, variance, ()) == ()
+
+
+def test_a_ratio_is_no_better_known_than_what_it_is_taken_of():
+    """Amplitudes that scatter: the ratio has the error of both, that of the reference in proportion to the ratio."""
+    amplitude, sd = np.array([[2.0], [1.0]]), np.array([[0.1], [0.02]])
+    drawn = amplitude[..., None] + sd[..., None] * np.random.default_rng(1).standard_normal((2, 1, 100_000))
+    (ratio,) = _ratios(("tip", "middle"), amplitude, sd)
+    assert (ratio.dof, ratio.reference, ratio.value) == ("middle", "tip", 0.5)
+    assert ratio.sd == pytest.approx((drawn[1] / drawn[0]).std(), rel=0.02)

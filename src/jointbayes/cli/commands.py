@@ -2,11 +2,13 @@
 
 import atexit
 import gc
+import logging
 import os
 import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,7 +19,7 @@ import click
 
 from jointbayes.cli import files, run, studies
 from jointbayes.cli.common import BAD_INPUT, FAULT_OF_THE_PROGRAM, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
-from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json
+from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json, warn
 from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError
 from vibrecords.errors import printable
 
@@ -146,6 +148,10 @@ def main() -> None:
     not converged, 70 a bug in jointbayes, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign
     1: cases failed; of same 1: the joint has changed.
     """
+    # What a library warns of is one line like our own warnings, without the place in its source.
+    warnings.showwarning = lambda message, *_args, **_options: warn(str(message))
+    # Matplotlib says in three lines that the home directory cannot be written, which costs nothing here.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     # Small linear algebra takes up to ten times as long on several threads, and has another last bit: not the user's
     # to choose. Read when NumPy is loaded, so not yet.
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))

@@ -17,6 +17,7 @@ from importlib import import_module
 from importlib.metadata import version
 from numbers import Real
 from pkgutil import iter_modules
+from tempfile import TemporaryDirectory
 from types import ModuleType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -152,21 +153,27 @@ def arviz_tree(
 
 #: Attribute that holds the record.
 RECORD = "jointbayes"
-_TRIES = 3  # to import ArviZ
 
 
 def imported_arviz() -> ModuleType:
-    """ArviZ, without what it announces.
+    """Import ArviZ without its announcement.
 
-    0.23 announces 1.0 once a day and keeps the day in a file, by a temporary one whose name all processes share: where
-    two begin the day at the same moment one of them does not find it.
+    ArviZ 0.23 announces 1.0 once a day and notes the day in the user's cache. That fails where the cache cannot be
+    written, and where two processes note the day at the same moment. Then a scratch directory takes the note.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
-        for _ in range(_TRIES):
-            with suppress(FileNotFoundError):
+        with suppress(OSError):
+            return import_module("arviz")
+        before = os.environ.get("XDG_CACHE_HOME")
+        try:
+            with TemporaryDirectory(prefix="jointbayes-") as scratch:
+                os.environ["XDG_CACHE_HOME"] = scratch
                 return import_module("arviz")
-        return import_module("arviz")
+        finally:
+            del os.environ["XDG_CACHE_HOME"]
+            if before is not None:
+                os.environ["XDG_CACHE_HOME"] = before
 
 
 def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTree, by ArviZ version)

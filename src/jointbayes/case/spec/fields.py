@@ -337,11 +337,12 @@ def listed(words: Sequence[str], most: int = 12) -> str:
 
 
 def max_length(count: int) -> BeforeValidator:
-    """Refuses a longer list before its entries are looked at."""
+    """Refuse a longer list or table before its entries are looked at."""
 
     def check(value: object) -> object:
-        if isinstance(value, list) and len(value) > count:
-            raise_findings([Finding((), f"found a list of {len(value)}", f"at most {count} entries", "shorten it")])
+        if isinstance(value, list | dict) and len(value) > count:
+            kind = "list" if isinstance(value, list) else "table"
+            raise_findings([Finding((), f"found a {kind} of {len(value)}", f"at most {count} entries", "shorten it")])
         return value
 
     return BeforeValidator(check)

@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -396,6 +396,7 @@ class BeamSpec(BeamsSpec, StructureBase):
 
 
 _GROUND = "ground"
+_MOST_MASSES = 500  # of a chain, whose matrices are dense
 _MOST = 2000  # points, members, masses, springs, rows of a matrix
 
 _BETWEEN = key_field('the two masses, or a mass and "ground"', ["1", "2"])
@@ -479,7 +480,9 @@ class ChainSpec(_RowsSpec):
 
     kind: Annotated[Literal["chain"], KIND]
     masses_kg: Annotated[
-        dict[str, Positive], Field(description="the masses in kg, each by its name or number", min_length=1)
+        dict[str, Positive],
+        max_length(_MOST_MASSES),
+        Field(description="the masses in kg, each by its name or number", min_length=1),
     ]
     springs: Annotated[ListOf[SpringSpec], max_length(_MOST), Field(description="a list of springs")] = ()
     direction: Annotated[Direction, key_field("the direction of the DOFs", "x")] = "x"
@@ -492,6 +495,11 @@ class ChainSpec(_RowsSpec):
         """One of each mass."""
         return tuple(f"{name}:{self.direction}" for name in self.masses_kg)
 
+    @property
+    def dampers(self) -> Sequence[DamperSpec]:
+        """Dampers between masses; none under a damping law."""
+        return self.damping.dampers if isinstance(self.damping, DampersSpec) else ()
+
     def place(self, label: str) -> str:
         """The mass itself."""
         return f"mass {label.rpartition(':')[0]}"
@@ -501,9 +509,8 @@ class ChainSpec(_RowsSpec):
         from jointbayes.structure import MatrixRecipe, chain
 
         springs = [(*spring.between, spring.stiffness_n_per_m) for spring in self.springs]
-        given = self.damping.dampers if isinstance(self.damping, DampersSpec) else ()
-        dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in given]
-        law = None if given else self.damping.built()
+        dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in self.dampers]
+        law = None if dampers else self.damping.built()
         whole = chain(self.masses_kg, springs, law, dampers=dampers, direction=self.direction)
         return MatrixRecipe(
             whole.stiffness,

@@ -259,8 +259,24 @@ def _dof_findings(case: CaseSpec) -> Iterator[Finding]:
             yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
     labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
     yield from _immovable_dofs(case, labelled)
+    yield from _loose_masses(case)
     if case.files is not None:
         yield from _channel_findings(structure, case.files)
+
+
+def _loose_masses(case: CaseSpec) -> Iterator[Finding]:
+    """Yield the first mass of a chain that no spring, damper, support or joint holds, because it moves by itself."""
+    structure = case.structure
+    if not isinstance(structure, ChainSpec) or len(structure.masses_kg) == 1:
+        return
+    joints = case.all_joints.values()
+    labels = [*structure.supports, *(label for joint in joints for label in (*joint.dofs, *joint.against))]
+    joined = {label.rpartition(":")[0] for label in labels}
+    pairs = [*(spring.between for spring in structure.springs), *(damper.between for damper in structure.dampers)]
+    joined |= {name for pair in pairs for name in pair}
+    if loose := [name for name in structure.masses_kg if name not in joined]:
+        found = f"found a mass that is joined to nothing, one of {len(loose)}"
+        yield Finding(("structure", "masses_kg", loose[0]), found, "a spring or a joint at each mass", "add it")
 
 
 def _immovable_dofs(case: CaseSpec, labelled: Mapping[KeyPath, Sequence[str]]) -> Iterator[Finding]:
