@@ -5,16 +5,17 @@ import json
 import numpy as np
 import pytest
 from benchmarks.bricks import brick_model, face
+from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.case.case_objects import _read, _reduced
-from jointbayes.structure.imported import kept, reduction
+from jointbayes.structure.imported import reduction
 from tests.case.refusal_rows import parts_named
 from tests.conftest import FEW_STEPS
 from tests.one_line import refused
 from tests.structure.imported.fe_models import plane_beam
 
-CASE, WITH_TOOL = parts_named("imported").values()
+CASE, WITH_TOOL, ROD_CASE = parts_named("imported").values()
 
 
 def save(model, path, **more):
@@ -77,26 +78,29 @@ def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, co
     assert len(counted) == 1
 
 
-def test_the_reduction_of_a_large_model_is_kept_by_what_it_depends_on(home, counted, monkeypatch, tmp_path):
-    monkeypatch.setattr(kept, "_LARGE", 10)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+#: Three masses on two springs, free: as they are, and with a generalised coordinate that nothing moves.
+ROD = {
+    "K": 2e6 * np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1]]),
+    "M": np.diag([1.0, 3, 1]),
+    "dofs": [(1, 1), (2, 1), (3, 1)],
+}
+MORE = {"K": linalg.block_diag(ROD["K"], 4e6), "M": linalg.block_diag(ROD["M"], 1.0), "dofs": [*ROD["dofs"], (900, 0)],
+        "nodes": [1, 2, 3], "xyz": [(0, 0, 0), (0.2, 0, 0), (0.4, 0, 0)]}  # fmt: skip
 
-    def again():
-        _read.cache_clear()
-        _reduced.cache_clear()
-        return jb.load_case(home / "case.toml").problem
 
-    first = again()
-    theta = first.prior.sample(np.random.default_rng(1), 10)
-    np.testing.assert_array_equal(again().log_posterior(theta), first.log_posterior(theta))
-    assert len(counted) == 1
-    (file,) = (tmp_path / "cache" / "jointbayes" / "reduced").iterdir()
-    file.write_bytes(file.read_bytes()[:1000])  # damaged: made again
-    np.testing.assert_array_equal(again().log_posterior(theta), first.log_posterior(theta))
-    assert len(counted) == 2
-    save(plane_beam(20, length=0.384), home / "beam.npz")  # another model under the same name
-    assert not np.array_equal(again().log_posterior(theta), first.log_posterior(theta))
-    assert len(counted) == 3
+@pytest.mark.parametrize("arrays", [ROD, MORE])
+@pytest.mark.parametrize("scale", [1.0, 1.1, 1e2])
+def test_a_free_model_runs_without_coordinates_and_with_a_generalised_one(home, arrays, scale):
+    """Free frequencies: the middle mass at rest, √(k/m); and both ends against the middle, √(k (1/m + 2/3m))."""
+    np.savez(home / "rod.npz", **arrays | {"K": scale * arrays["K"], "M": scale * arrays["M"]})
+    (home / "case.toml").write_text(ROD_CASE)
+    structure = jb.load_case(home / "case.toml").problem.test.structure.nominal
+    found = structure.modes().frequency_hz
+    assert found[0] == 0
+    assert found[1:3] == pytest.approx([np.sqrt(2e6) / (2 * np.pi), np.sqrt(2e6 * 5 / 3) / (2 * np.pi)], rel=1e-9)
+    assert found[1:3] == pytest.approx([225.08, 290.58], abs=0.005)
+    moved = structure.rigid_motions(np.arange(1))
+    assert (moved**2).sum() == pytest.approx(1 / (5 * scale), rel=1e-9)  # of 5 kg
 
 
 def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):

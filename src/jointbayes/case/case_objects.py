@@ -75,7 +75,6 @@ from jointbayes.structure import (
     reduce_to_ports,
 )
 from jointbayes.structure.imported import nodes_in_box, with_beams
-from jointbayes.structure.imported.kept import kept_or_made, key_of
 from vibrecords import Data, split_modes
 from vibrecords.arrays import Array
 from vibrecords.errors import printable
@@ -821,9 +820,4 @@ def _reduced(
 ) -> ImportedRecipe:
     model, _ = _with_beams(stamps, length_unit, bodies, top_hz)
     law = None if own_damping else LossFactor(0.0)
-    files = [Path(path) for _, (path, _, _) in stamps]
-    return kept_or_made(
-        model.n_dofs,
-        lambda: key_of(files, length_unit, *bodies, ports, top_hz, ends, supports, own_damping),
-        lambda: reduce_to_ports(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports),
-    )
+    return reduce_to_ports(model, dict(ports), top_hz, law, ends=dict(ends), supports=supports)

@@ -33,8 +33,8 @@ def element(length, axis):
     return whole @ k @ whole.T, whole @ m @ whole.T
 
 
-def frame():
-    """K, M and DOFs, nodes in the order of `NODES`; node 3 stands on springs."""
+def frame(springs=1.0):
+    """K, M and DOFs, nodes in the order of `NODES`; node 3 stands on springs, or on none."""
     size = 6 * len(NODES)
     k, m = np.zeros((2, size, size))
     for i, axis in enumerate((0, 0, 1, 2)):
@@ -42,13 +42,14 @@ def frame():
         ke, me = element(float(np.linalg.norm(PLACES[i + 1] - PLACES[i])), axis)
         k[np.ix_(at, at)] += ke
         m[np.ix_(at, at)] += me
-    k[range(6), range(6)] += [1e7, 1e7, 1e7, 1e4, 1e4, 1e4]
+    k[range(6), range(6)] += springs * np.array([1e7, 1e7, 1e7, 1e4, 1e4, 1e4])
     nine = np.vectorize(lambda value: float(f"{value:.9e}"))
     dofs = np.array([(node, way) for node in NODES for way in range(1, 7)])
     return *(nine((a + a.T) / 2) for a in (k, m)), dofs
 
 
 K, M, DOFS = frame()
+FREE = frame(0.0)[0]
 C = 1e-5 * K
 
 

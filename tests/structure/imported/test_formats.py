@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy import io, sparse
+from scipy import io, linalg, sparse
 
 import jointbayes as jb
+from jointbayes.frf import NaturalFrequencies
 from tests.structure.imported import small_frame as small
 from tests.structure.imported.nastran_files import write_punch
 from tests.structure.imported.small_frame import DOFS, NODES, PLACES, C, K, M
@@ -119,6 +120,33 @@ WRITERS = {
 def test_every_file_gives_the_same_model(tmp_path, writer, unit):
     path, more = WRITERS[writer](tmp_path, *matrices(unit))
     small.require_same(jb.read_structure(path, length_unit=unit, **more))
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_case_runs_on_every_file_of_a_free_model_whose_places_it_does_not_know(tmp_path, writer):
+    path, more = WRITERS[writer](tmp_path, small.FREE, M)
+    files = "".join(f'{key}_file = "{file.name}"\n' for key, file in more.items())
+    exact = np.sqrt(np.abs(linalg.eigh(small.FREE, M, eigvals_only=True))) / 2 / np.pi
+    (tmp_path / "case.toml").write_text(f"""
+[structure]
+kind = "imported"
+file = "{path.name}"
+{files}damping = {{ law = "modal", ratio = 0.01 }}
+[joint]
+kind = "springs"
+dofs = ["3:x", "3:y", "3:z", "3:rx", "3:ry", "3:rz"]
+[data]
+kind = "natural_frequencies"
+frequencies_hz = {small.EXACT[:6].tolist()}
+sd_relative = 0.005
+""")
+    problem = jb.load_case(tmp_path / "case.toml").problem
+    found = problem.test.structure.nominal.modes().frequency_hz
+    assert (found[:6] == 0).all()
+    np.testing.assert_allclose(found[6:9], exact[6:9], rtol=1e-7)
+    springs = np.diag([1e7, 1e7, 1e7, 1e4, 1e4, 1e4])[None]
+    on_springs = NaturalFrequencies(problem.test.structures, problem.test.joints, 6).frequency_hz(springs)
+    np.testing.assert_allclose(on_springs[0], small.EXACT[:6], rtol=1e-6)
 
 
 def test_npz_with_damping_and_places(tmp_path):

@@ -102,10 +102,13 @@ def rounded(matrix, digits):
 
 
 @pytest.mark.parametrize(("digits", "support"), [(16, 1.0), (13, 10.0), (10, 1e4)])
-def test_a_model_of_few_digits_floats_and_one_on_soft_supports_does_not(digits, support):
+@pytest.mark.parametrize("places", [True, False])
+def test_a_model_of_few_digits_floats_and_one_on_soft_supports_does_not(digits, support, places):
     model = brick_model(BAR)
     few = replace(model, stiffness=rounded(model.stiffness, digits))
     ports = {"tip": face(model, 0.2)}
+    if not places:
+        few, ports = replace(few, nodes=few.nodes[:0], places=few.places[:0]), {"tip": face(model, 0.2)[0]}
     floating = jb.reduce_to_ports(few, ports, TOP_HZ, LOSS).structure().modes().frequency_hz
     assert (floating[:6] == 0).all()
     assert floating[6] > 1000

@@ -3,8 +3,8 @@
 The residual is a Krylov space of the ports' forces at a shift below the band, S⁻¹P, S⁻¹MS⁻¹P and one block more, with
 S = K + σM (MacNeal 1971; Rubin 1975, with further blocks). For stiff joints at rotations of averaged ports a third
 block is worth a factor of 10³, more modes none. S is positive definite for a free model too. Rigid-body modes are
-exact, from coordinates. All ports that may ever be asked are reduced at once: each is a solve, and the factorisation
-of S is what costs.
+exact where the coordinates of all nodes are known; otherwise they are the eigenvectors at zero. All ports that may
+ever be asked are reduced at once: each is a solve, and the factorisation of S is what costs.
 
 References
 ----------
@@ -34,10 +34,12 @@ _DENSE = 400  # a model of so few DOFs is solved whole
 _MODES_FIRST, _MOST_MODES = 24, 600
 _SOLVED = 1.0  # of a unit load at each DOF, which is some hundreds in length
 _SAME = 1e-9  # a vector of which less than this is new adds rounding only
+_NEAR_ZERO = 1e-2  # of the shift: an eigenvalue below may be that of a rigid-body mode
+_POLISHED, _NEW = 3, 1e-6  # inverse iterations on such a mode, and what of it must be new
 _STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ, or than a few
-#: times what nine in ten rows of Kφ have left over: files have ten digits to sixteen, and a support strains few rows.
-_RIGID, _LEFT, _FEWEST_DIGITS = 30 * np.finfo(float).eps, 3, 1e-9
+#: times what the file's digits leave: ten to sixteen of them.
+_RIGID, _LEFT, _FEWEST_DIGITS, _EXACT = 30 * np.finfo(float).eps, 3, 1e-9, 1e-12
 
 #: Quantities of a part, and how its matrices grow with each: stiffness, bending, mass.
 PART_QUANTITIES = {"youngs_modulus": (1, 1, 0), "density": (0, 0, 1), "thickness": (1, 3, 1)}
@@ -107,15 +109,17 @@ def reduce_model(
     Raises
     ------
     ModelError
-        If the model is a mechanism beyond rigid-body motion, or has too many modes below the frequency.
+        If a motion has neither stiffness nor mass, or a negative stiffness, or too many modes lie below the frequency.
     """
     shift = (2 * np.pi * _SHIFT_AT * top_hz) ** 2
-    rigid = _rigid_modes(model, shift)
+    rigid = np.empty((model.n_dofs, 0))
     modes: list[Array] = []
     blocks: list[list[Array]] = [[] for _ in range(_FINER_BLOCKS)]
     for stiffness, mass in _variants(model, ends or {}):
         solve = _solver(stiffness + shift * mass, model.source)
         modes.append(_modes_below(stiffness, mass, solve, shift, MODES_TO * top_hz, model.source))
+        if len(modes) == 1:
+            rigid = _rigid_modes(model, modes[0], solve, shift)
         vectors = forms
         for block in blocks:
             vectors = solve(mass @ vectors if block is not blocks[0] else vectors)
@@ -191,27 +195,42 @@ def _mechanism(source: str) -> ModelError:
     return ModelError.of(source, ("stiffness",), found, "K and M of a structure that holds together", remedy)
 
 
-def _rigid_modes(model: FeModel, shift: float) -> Array:
-    """Rigid-body modes of unit modal mass, shape (n, rigid), exactly those of the coordinates where these are given."""
-    motions = rigid_motions(model)
-    if motions is None:
-        return np.empty((model.n_dofs, 0))
-    scale = np.sqrt((motions * (model.mass @ motions)).sum(axis=0))
-    there = scale > _SAME * scale.max(initial=0.0)  # nodes in a line do not turn about it
-    motions = motions[:, there] / scale[there]
-    energy = motions.T @ (model.stiffness @ motions)
-    weight = motions.T @ (model.mass @ motions)
-    values, turn = linalg.eigh((energy + energy.T) / 2, (weight + weight.T) / 2)
-    modes = motions @ turn
-    # a support leaves some motions free and strains others: those free are at 0 Hz but for the file's last digits
-    return np.asarray(modes[:, [_is_rigid(model, v, e, shift) for v, e in zip(modes.T, values, strict=True)]])
+def _rigid_modes(model: FeModel, modes: Array, solve: Callable[[Array], Array], shift: float) -> Array:
+    """Return the rigid-body modes of unit modal mass, shape (n, rigid).
+
+    1. Take the rigid motions of the coordinates where all places are known: these are exact.
+    2. Take the eigenvectors near zero, shape (n, m), which also move nodes without places and generalised coordinates.
+    3. Keep what strains nothing: a support leaves some motions free and strains others.
+    """
+    found, rounding = np.empty((model.n_dofs, 0)), _digits_of(model)
+    near = modes[:, _energy(model, modes, 0.0) < _NEAR_ZERO * shift * (modes * (model.mass @ modes)).sum(axis=0)]
+    for _ in range(_POLISHED):  # (K + σM)⁻¹ M keeps a motion at zero and takes away what is left of all others
+        near = shift * solve(model.mass @ near)
+    for motions in (rigid_motions(model), near):
+        if motions is None:
+            continue
+        before = np.sqrt((motions * (model.mass @ motions)).sum(axis=0))
+        motions = motions - found @ (found.T @ (model.mass @ motions))
+        scale = np.sqrt(np.maximum((motions * (model.mass @ motions)).sum(axis=0), 0.0))
+        there = scale > _NEW * before.max(initial=0.0)  # nodes in a line do not turn about it
+        motions = motions[:, there] / scale[there]
+        energy, weight = (_symmetric(motions.T @ (matrix @ motions)) for matrix in (model.stiffness, model.mass))
+        values, turn = linalg.eigh(energy, weight) if there.any() else (np.empty(0), np.empty((0, 0)))
+        turned = motions @ turn
+        most = rounding * (np.abs(turned) * (abs(model.stiffness) @ np.abs(turned))).sum(axis=0)
+        found = np.hstack([found, turned[:, np.abs(values) <= np.maximum(most, _EXACT * shift)]])
+    return found
 
 
-def _is_rigid(model: FeModel, mode: Array, eigenvalue: float, shift: float) -> bool:
-    of_rows = abs(model.stiffness) @ np.abs(mode)
-    left = np.abs(model.stiffness @ mode) / np.maximum(of_rows, np.finfo(float).tiny)
-    rounding = max(_RIGID, _LEFT * min(np.quantile(left, 0.9), _FEWEST_DIGITS))
-    return abs(eigenvalue) <= max(rounding * float(np.abs(mode) @ of_rows), 1e-12 * shift)
+def _digits_of(model: FeModel) -> float:
+    """Return what share of |K||φ| the rounding of the file may leave in a motion that strains nothing.
+
+    It shows in nine of ten rows when the whole model moves along an axis: a support strains few rows.
+    """
+    along = (model.dofs[:, [1]] == np.arange(1, 4)).astype(float)
+    of_rows = abs(model.stiffness) @ along
+    left = (np.abs(model.stiffness @ along) / np.maximum(of_rows, np.finfo(float).tiny))[of_rows > 0]
+    return max(_RIGID, _LEFT * min(np.quantile(left, 0.9), _FEWEST_DIGITS)) if left.size else _RIGID
 
 
 def _modes_below(
@@ -246,9 +265,10 @@ def _projected(
     kinetic, strain = (_symmetric(basis.T @ (matrix @ basis)) for matrix in (model.mass, model.stiffness))
     inverse, turn = linalg.eigh(kinetic, strain + shift * kinetic)
     inverse, turn = np.maximum(inverse[::-1], _STATIC * inverse[-1]), turn[:, ::-1]
-    modes = basis @ (turn / np.sqrt(inverse))
-    whole = np.hstack([rigid, modes])
-    eigenvalues = np.concatenate([np.zeros(n_rigid), np.maximum(1 / inverse - shift, 0.0)])
+    if inverse.max() * shift >= 1:
+        raise _mechanism(model.source)
+    whole = np.hstack([rigid, basis @ (turn / np.sqrt(inverse))])
+    eigenvalues = np.concatenate([np.zeros(n_rigid), 1 / inverse - shift])
 
     def projected(matrix: Sparse | None) -> Array:
         r = len(eigenvalues)
