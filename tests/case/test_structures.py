@@ -181,6 +181,9 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
     np.save(tmp_path / "M.npy", np.eye(3))
     (tmp_path / "K.csv").write_text("1,2\n3")
     (tmp_path / "K.txt").write_text("1")
+    for name, shape in (("huge", (10**6, 10**6)), ("beyond", (10**12, 10**12))):  # of which the file holds nothing
+        with (tmp_path / f"{name}.npy").open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
     text = text_of(MATRICES, "1:y", "1:y")
     line = next(i for i, row in enumerate(text.splitlines(), 1) if row.startswith("stiffness"))
     given = "[[2e5, -1e4], [-1e4, 1e3]]"
@@ -188,6 +191,8 @@ def test_files_of_matrices_are_refused_by_file_and_key(tmp_path):
         ("K.npy", "K.npy: found an unsymmetric stiffness matrix, -10000 and -20000 at row 1, column 2"),
         ("M.npy", "M.npy: found a stiffness matrix of shape (3, 3) for 2 DOFs; expected (2, 2)"),
         ("K.csv", "no readable array"),
+        ("huge.npy", r"huge.npy: found no readable array \(mmap length is greater than file size\); expected numbers"),
+        ("beyond.npy", "beyond.npy: found no readable array"),
         ("K.txt", "ending '.txt'"),
         ("none.npy", "no such file"),
         ("../K.npy", "leads out of the directory"),

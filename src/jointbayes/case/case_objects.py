@@ -393,12 +393,13 @@ def _matrix(file: Path) -> Matrix:
         if file.stat().st_size > _MOST_BYTES:
             raise CaseError(f"found more than {_MOST_BYTES:g} bytes; expected a matrix of {_MOST_ROWS} rows")
         if file.suffix.lower() == ".npy":
-            array = np.load(file, allow_pickle=False)
+            with np.errstate(over="raise"):  # mapped, because a header may claim more than the file holds
+                array = np.load(file, allow_pickle=False, mmap_mode="r")
         else:
             array = np.loadtxt(file, delimiter=",", ndmin=2)
         if array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
             raise ValueError(f"{array.ndim} dimensions, numbers of kind {array.dtype}")
-    except (OSError, ValueError, EOFError, UnicodeError) as error:
+    except (OSError, ValueError, EOFError, UnicodeError, ArithmeticError) as error:
         reason = " ".join(str(error).split())[:100]
         raise CaseError(
             f"found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats import matlab_5
-from vibrecords.formats.matlab_5 import Block, MatrixOf, Unread, full_matrix, read_matlab_4
+from vibrecords.formats.matlab_5 import ATTRIBUTE, Block, MatrixOf, Unread, full_matrix, read_matlab_4
 from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 
-#: A compressed file may unpack to this many times its size, which measured FRFs do not come near, or to 1 MiB: small
-#: files have headers and constant coherences, which pack well.
-_RATIO, _ALWAYS = 20, 2**20
+#: A compressed file may unpack to this many times its size, or to 64 MiB: constant signals pack well.
+_RATIO, _ALWAYS = 20, 2**26
 _MOST_ENTRIES = 5000  # of an archive
 #: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
 _LONGEST_TEXT = 4096
@@ -46,7 +45,8 @@ def read_arrays(path: Path, kind: str, most: int = 0, matrix: MatrixOf = full_ma
     -------
     dict
         Name to an array of numbers or text, to a dict (struct, group), to a list of these (cells, array of structs), or
-        to an `Unread`, in the order of the file and groups by name.
+        to an `Unread`, in the order of the file and groups by name. In HDF5 ``frf@unit`` is the attribute ``unit`` of
+        the data set ``frf``.
 
     Raises
     ------
@@ -69,7 +69,9 @@ def read_groups(path: Path) -> dict[str, Block]:
     waiting = [("", read_arrays(path, "hdf5"))]
     while waiting:
         place, block = waiting.pop()
-        groups[place.strip("/")] = {key: value for key, value in block.items() if not isinstance(value, dict)}
+        groups[place.strip("/")] = {
+            key: value for key, value in block.items() if not isinstance(value, dict) and ATTRIBUTE not in key
+        }
         waiting += [(f"{place}/{key}", value) for key, value in block.items() if isinstance(value, dict)]
         for key, value in groups[place.strip("/")].items():
             if isinstance(value, Unread):
@@ -205,11 +207,13 @@ class _Hdf5:
             # MATLAB's own, and links
             if (place or not name.startswith("#")) and isinstance(group.get(name, getlink=True), h5py.HardLink):
                 items[name] = group[name]
-        attributes = _attributes(group)
+        attributes = self.attributes(group)
         names = [n for n, item in items.items() if isinstance(item, h5py.Dataset)]
         groups = sorted((n for n, item in items.items() if isinstance(item, h5py.Group)), key=_natural)
-        block = {} if self.matlab else attributes
+        block = {} if self.matlab else {key: v for key, v in attributes.items() if not isinstance(v, Unread)}
         block |= {name: self.item(items[name], f"{place}/{name}".lstrip("/"), depth + 1) for name in names + groups}
+        for name in [] if self.matlab else names:
+            block |= {f"{name}{ATTRIBUTE}{key}": value for key, value in self.attributes(items[name]).items()}
         block = {name: value for name, value in block.items() if value is not None}
         if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
             shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
@@ -232,7 +236,7 @@ class _Hdf5:
         self.bytes += max(item.nbytes, math.prod(item.chunks or (0,)) * item.dtype.itemsize)
         matlab_5.refuse_larger(self.bytes, self.most)
         if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
-            return _dataset(item, f"variable '{place}'", self.matlab)
+            return _dataset(item, f"variable '{place}'", self.attributes(item), self.matlab)
         if not self.matlab:
             return Unread("references to other places")
         self.count += item.size
@@ -240,6 +244,20 @@ class _Hdf5:
         values = [self.item(self.file[r], place, depth + 1) if r else None for r in np.asarray(item[()]).T.ravel()]
         values = [np.zeros(0) if value is None else value for value in values]
         return values if _is_struct_field(item) else matlab_5.list_or_texts(values)
+
+    def attributes(self, item: Any) -> Block:  # noqa: ANN401
+        """Attributes that are numbers or texts; each entry of a list of texts could be as long as the file."""
+        found: Block = {}
+        for key in item.attrs:
+            kind = item.attrs.get_id(key)
+            count = math.prod(kind.shape or ())
+            if kind.dtype.kind == "O" and count > 1 and count * self.file.id.get_filesize() > self.most:
+                found[key] = Unread("a long list of texts")
+            elif _is_plain(kind.dtype) or kind.dtype.kind == "O":
+                value = np.asarray(item.attrs[key])
+                texts = value.dtype.kind == "O" and all(isinstance(text, str) for text in value.ravel())
+                found[key] = value.astype(str) if texts else value
+        return {key: value for key, value in found.items() if getattr(value, "dtype", np.dtype("U")).kind in "iufUS"}
 
 
 def _is_struct_field(item: Any) -> bool:  # noqa: ANN401
@@ -252,23 +270,12 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in re.split(r"(\d{1,9})", name) if piece]
 
 
-def _attributes(group: Any) -> Block:  # noqa: ANN401
-    """Attributes that are numbers or one text; of lists of texts each entry could be as long as the file."""
-    arrays: Block = {}
-    for key in group.attrs:
-        kind = group.attrs.get_id(key)
-        if _is_plain(kind.dtype) or (kind.dtype.kind == "O" and kind.shape == ()):
-            arrays[key] = np.asarray(group.attrs[key])
-    return {key: array for key, array in arrays.items() if array.dtype.kind in "iufUS"}
-
-
-def _dataset(item: Any, where: str, matlab: bool) -> Any:  # noqa: ANN401
+def _dataset(item: Any, where: str, attributes: Block, matlab: bool) -> Any:  # noqa: ANN401
     """Content of a data set, or None where MATLAB marks it as empty."""
     import h5py
 
     if item.is_virtual or item.external:
         return Unread("data kept in another file")
-    attributes = _attributes(item)
     kind = np.asarray(attributes.get("MATLAB_class", ""), dtype=str).ravel()[0]
     if "MATLAB_object_decode" in attributes or kind == "function_handle":
         return matlab_5.UNREADABLE

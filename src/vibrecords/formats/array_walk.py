@@ -73,7 +73,7 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
             kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
             alone = bool(block.strings("outputs"))
             for labels, lines, values, where, notes in _columns_of_frf(block, _Values(name, array), alone=alone):
-                yield SpectrumRecord(labels[0], kind, lines, values, block.told_unit(name), where, notes)
+                yield SpectrumRecord(labels[0], kind, lines, values, block.units_of(name)[0], where, notes)
 
 
 # ---- values
@@ -81,7 +81,13 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
 
 def _frfs(block: Block) -> list[_Values]:
     """FRFs of a block: complex arrays, real and imaginary parts, magnitudes with phases."""
-    pairs = _pairs(block, block.named("real"), block.named("imaginary"))
+    pairs = [*_pairs(block, block.named("real"), block.named("imaginary"))]
+    for real, imaginary in pairs:
+        one, other = block.unit_of(real), block.unit_of(imaginary)
+        if one and other and one != other:
+            raise MeasurementError(
+                f"{block.where(imaginary)}: found the unit {other!r}; expected {one!r}, that of '{real}'; correct one"
+            )
     frfs = [_Values(real, complex_of(*_same_size(block, real, imaginary))) for real, imaginary in pairs]
     if block.stated("real") and not frfs:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
@@ -147,7 +153,7 @@ def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
 def _polar(block: Block, name: str, of_phase: str) -> _Values:
     magnitude, phase = _same_size(block, name, of_phase)
     hints, notes = block.hints(of_phase), ["magnitude taken as linear, not in decibels"]
-    if "db" in block.hints(name) or block.told_unit(name)[:2].lower() == "db":
+    if "db" in block.hints(name) or block.units_of(name)[0][:2].lower() == "db":
         notes = ["decibels taken as 20 log10 of the magnitude"]
         magnitude = 10 ** (magnitude / 20)
     elif (magnitude < 0).any():
@@ -266,12 +272,12 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
                 f"{block.where(coherence)}: found shape {arranged.shape}; expected {frf.values.shape} as the FRFs; "
                 "store one coherence for each FRF"
             )
-    units, averages = block.strings("unit"), _averages(block)
-    if len(units) != len(columns) or block.unit_of(frf.name):
-        units = [block.told_unit(frf.name)] * len(columns)
+    units, averages = block.units_of(frf.name, len(columns), alone=True), _averages(block)
     for (labels, lines, values, where, notes), of_pair, unit in zip(columns, squared, units, strict=True):
         factor, of_unit, converted = read_frf_unit(unit)
-        quantity = _quantity(block) or block.meanings[frf.name].quantity or of_unit
+        own = block.quantity_of(frf.name)
+        stated = cast(Quantity, own) if own in get_args(Quantity) else _quantity(block)
+        quantity = stated or block.meanings[frf.name].quantity or of_unit
         if of_unit is not None and quantity != of_unit:
             converted = [*converted, f"{quantity} by name, {of_unit} by its unit: the name was followed"]
         said, si_values = (*notes, *converted), scaled(values, factor)

@@ -28,6 +28,8 @@ from vibrecords.errors import MeasurementError
 #: Names to what stands under them: arrays of numbers or text, further blocks, lists of both, or `Unread`.
 Block = dict[str, Any]
 
+#: Sign between the name of a data set and that of its attribute.
+ATTRIBUTE = "@"
 REMEDY = "store plain numbers and text in this file"
 #: Groups, structs and cells within each other, and all that a file holds; no export comes near.
 DEEPEST, MOST_OBJECTS = 32, 200_000

@@ -278,14 +278,31 @@ class Block:
         unnamed = [n for role in ("", "signal") for n in self.named(role) if is_complex(self.arrays[n]) or read]
         return [f"'{n}' not read: [data.layout] can name it" for n in unnamed if n not in read][:8]
 
-    def told_unit(self, name: str) -> str:
-        """Unit of an array of values: its own, or that of the block; of several the list, which is no unit."""
-        return self.unit_of(name) or ", ".join(dict.fromkeys(self.strings("unit")))
+    def units_of(self, name: str, count: int = 1, *, alone: bool = False) -> list[str]:
+        """Unit of each column of an array: its own, else that of the block; of several for one the list, no unit.
+
+        The block's own list is that of the columns only where the array is `alone`.
+        """
+        own = self._own_units(name)
+        labels = own or self.strings("unit")
+        if len(labels) == count and (own or alone):
+            return labels
+        return [", ".join(dict.fromkeys(labels))] * count
 
     def unit_of(self, name: str) -> str:
-        """Text under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
+        """Unit that an array has for itself, as an axis; empty where it has none."""
+        return next(iter(self._own_units(name)), "")
+
+    def quantity_of(self, name: str) -> str:
+        """Word for what an array of its own measures, where it is one we know."""
+        word = self.string(f"{name.lower()}_quantity").lower()
+        return word if word in (*get_args(Quantity), *get_args(SensorQuantity)) else ""
+
+    def _own_units(self, name: str) -> list[str]:
+        """Texts under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
         small = name.lower()
-        return next(filter(None, map(self.string, (f"{small}_unit", f"{small}_units", f"unit_{small}"))), "")
+        held = (key for key in (f"{small}_unit", f"{small}_units", f"unit_{small}") if is_text(self.get(key)))
+        return next((texts for key in held if any(texts := self.strings(key))), [])
 
 
 def size_of(value: Any) -> int:  # noqa: ANN401
@@ -385,18 +402,18 @@ def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
 
 def _of_array(block: Block, name: str, count: int) -> list[_History]:
     """The columns of an array over time: hits of a sensor, or channels."""
-    small, unit, several = name.lower(), block.told_unit(name), count > 1
+    small, units, several = name.lower(), block.units_of(name, count), count > 1
     if small in SENSORS:
-        word = small if small != "response" else ""
-        return [(small, unit, word, i + 1 if several else None) for i in range(count)]
-    label = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name)
-    return [(f"{label} {i + 1}" if several else label, unit, "", None) for i in range(count)]
+        word = small if small != "response" else block.quantity_of(name)
+        return [(small, unit, word, i + 1 if several else None) for i, unit in enumerate(units)]
+    label, word = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name), block.quantity_of(name)
+    return [(f"{label} {i + 1}" if several else label, unit, word, None) for i, unit in enumerate(units)]
 
 
 def _of_samples(block: Block, count: int) -> list[_History]:
     """The columns of `samples`, by the lists that go with them."""
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
-    units, words = block.strings("unit") or [""] * count, block.strings("quantities") or [""] * count
+    units, words = block.units_of("samples", count, alone=True), block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.name_of("hits") else np.zeros(count)
     if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
         raise MeasurementError(

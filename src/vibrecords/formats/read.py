@@ -13,6 +13,7 @@ from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError, path_fault
 from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
+from vibrecords.formats.attributes import apply_attributes
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_5 import matlab_4_header
@@ -194,7 +195,8 @@ def read_frf(
 
 
 def _array_records(path: Path, layout: Mapping[str, str], kind: str) -> Generator[Record, None, None]:
-    yield from records_of_tree(read_arrays(path, kind), layout, "." if kind.startswith("mat") else "/")
+    tree = apply_attributes(read_arrays(path, kind)) if kind == "hdf5" else read_arrays(path, kind)
+    yield from records_of_tree(tree, layout, "." if kind.startswith("mat") else "/")
 
 
 #: Formats that the first words of a file tell.

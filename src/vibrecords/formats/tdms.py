@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe
+from vibrecords.formats.units import unit_attribute
 from vibrecords.records import MOST_COLUMNS, reading_package, refuse_damage, require_short
 
 #: Scales of a channel: npTDMS looks at each, however many a damaged file promises.
@@ -67,7 +68,7 @@ class _Channel:
 
 def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
     told = channel.properties
-    unit = str(told.get("unit_string") or told.get("NI_UnitDescription") or "")
+    unit = str(unit_attribute(told) or "")
     axis_name = f"{told.get('wf_xname', '')} {told.get('wf_xunit_string', '')}".lower()
     is_frequency = "hz" in axis_name or "freq" in axis_name
     step, start = float(told.get("wf_increment", 0.0)), float(told.get("wf_start_offset", 0.0))

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
 
@@ -224,6 +224,20 @@ def _read(
         return (None, None, [f"unit {label!r} not understood, values left as written"]) if label else (1.0, None, [])
     factor, quantity = parsed
     return factor, quantity, [f"{label} converted to {si_unit(quantity)}"] if factor != 1 else []
+
+
+#: Names in small letters of attributes that state a unit: of h5py users, netCDF and LabVIEW.
+_UNIT_ATTRIBUTES = (
+    *("unit", "units", "unit_string", "ni_unitdescription", "unit_str", "unitstring", "y_unit", "yunit", "y_units"),
+    *("yunits", "unit_label", "unit_name", "engineering_unit", "engineering_units", "eu"),
+)
+
+
+def unit_attribute(attributes: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """What the attributes of a channel state as its unit, whatever the case of their names; None where they do not."""
+    small = {key.strip().lower(): value for key, value in attributes.items()}
+    stated = (small[key] for key in _UNIT_ATTRIBUTES if key in small)
+    return next((value for value in stated if np.asarray(value).astype(str).any()), None)
 
 
 def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
