@@ -11,6 +11,7 @@ import numpy as np
 LINE = 100
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
+_POWERS_FROM = 4  # the power of ten from which on a number is written as one
 _LARGEST_TWICE_LOG = 2 * math.log(1e6)
 _PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
@@ -204,12 +205,12 @@ def rounded_interval(ends: tuple[float, float], errors: tuple[float, float]) -> 
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Format a number without an error: so many significant digits, powers of ten only for very large or small ones.
+    """Format a number without an error: so many significant digits, powers of ten only from 10 000 on or below 0.0001.
 
     Examples
     --------
-    >>> number(5.05e9), number(0.1234), number(None)
-    ('5.05e9', '0.123', '–')
+    >>> number(5.05e9), number(0.1234), number(104.0, 2), number(None)
+    ('5.05e9', '0.123', '100', '–')
     """
     if value is None or not math.isfinite(value):
         return "–"
@@ -217,7 +218,18 @@ def number(value: float | None, digits: int = 3) -> str:
     if "e" not in text:
         return text
     mantissa, power = text.split("e")
-    return f"{mantissa}e{int(power)}"
+    return f"{mantissa}e{int(power)}" if not 0 < int(power) < _POWERS_FROM else f"{float(text):.0f}"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Format a fraction as a percentage with so many significant digits.
+
+    Examples
+    --------
+    >>> percent(0.0456), percent(1.04), percent(23.71), percent(0.002345, 3)
+    ('4.6 %', '100 %', '2400 %', '0.234 %')
+    """
+    return f"{number(100 * share, digits)} %"
 
 
 def factor(ratio: float) -> str:

@@ -439,7 +439,7 @@ def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
         known = bounded(cheap_posterior, "below", (limit, math.nan), (limit, 1e8)).verdict("k22")
         assert known.verdict == verdict
         assert bool(known.limit) == (verdict == "bounded below")
-        assert ("by likelihood the data exclude 5 % of the prior" in known.verdict_reason) == (share < 1)
+        assert ("by likelihood the data exclude less than 10 % of the prior" in known.verdict_reason) == (share < 1)
         assert known.printed95[0] == limit
         assert (known.printed95[1] == 1e8) == (share < 1)
 

@@ -27,8 +27,8 @@ from jointbayes.posterior.widened import (
     widened_prior,
 )
 from jointbayes.report.markup import badge
-from jointbayes.rounding import factor, number, one_sided, rounded, rounded_interval
-from tests.conftest import TO_CONVERGE, first_in_ci, judged_as, unsettled
+from jointbayes.rounding import factor, number, one_sided, quantity_text, rounded, rounded_interval
+from tests.conftest import TO_CONVERGE, first_in_ci, judged_as, of_case, unsettled
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -102,6 +102,9 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
     bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
     assert failed.verdict("k22").verdict_reason == f"the calculation has not settled; {bound}"
     assert failed.verdict("k11").verdict_reason == "the calculation has not settled"
+    default = of_case(failed, default_priors={"k22"})
+    reach = f"its draws reach the default range up to {quantity_text(math.exp(high), 'N·m/rad')}"
+    assert default.verdict("k22").verdict_reason == f"the calculation has not settled; {reach}"
 
 
 # ---- a model that does not explain the data

@@ -34,7 +34,7 @@ DATE = datetime.date(2026, 1, 5)
 UNCERTAIN = "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n\n[uncertain.length]\nsd_percent = 0.5\n"
 SAMPLER = {
     "ensembles": 4, "walkers": 4, "steps": 50, "max_steps": 50, "burn_in": 0, "thin": 1, "acceptance": 0.5,
-    "move_acceptance": {}, "proposal_efficiency": 0.5, "evaluations": 1, "singular": 0,
+    "move_acceptance": {"stretch": 0.3}, "proposal_efficiency": 0.5, "evaluations": 1, "singular": 0,
     "seconds": 1.0, "ess_per_second": 1.0,
 }  # fmt: skip
 

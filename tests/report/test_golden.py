@@ -130,6 +130,10 @@ def made():
     return replace(kinds.posterior_about(case, best.theta, np.linalg.cholesky(best.covariance)), estimate=best)
 
 
+#: Marks of a sentence whose parts were joined badly, and of numbers in a wrong form.
+GARBLED = re.compile(r",;|,\)| \)|\( |: ;|;;|\.\.(?!\.)|,\.|×\s10[⁰¹²³⁴-⁹]+ %|\de\d %|(?<![\d.])0 % of|\bnan\b|\binf\b")
+
+
 def in_sentences(text):
     """Lines of a terminal, broken at the ends of sentences."""
     return [part for line in text.splitlines() for part in re.split(r"(?<=[.!?:;]) (?=[A-Z*])", line.strip()) if part]
@@ -229,3 +233,17 @@ def test_what_is_said_of_a_result(name, made, capsys):
 
 def test_every_golden_page_is_compared():
     assert {path.stem for path in GOLDEN.glob("*.txt")} == {*STATES, *REPORTS}
+
+
+@pytest.mark.parametrize("page", sorted(GOLDEN.glob("*.txt")), ids=lambda page: page.stem)
+def test_no_page_holds_a_garbled_sentence(page):
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if GARBLED.search(line)] == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["moves: ; 0 steps", "up to 71.7 GN/m,)", "GN/m,; its draws", "1 × 10² %", "1e2 %", "exclude only 0 % of the"],
+)
+def test_garbled_sentences_are_seen(text):
+    assert GARBLED.search(text)

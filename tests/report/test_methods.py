@@ -13,6 +13,7 @@ from jointbayes.report import Report, render_html
 from jointbayes.report.guides import packaged
 from jointbayes.report.methods import methods_section, methods_text, references, report_text
 from jointbayes.report.run_directory import write_into
+from jointbayes.report.sections.run_details import sampling_section
 from jointbayes.structure import Body, DampingLaw
 
 SRC = ROOT / "src" / "jointbayes"
@@ -100,6 +101,18 @@ def test_each_switch_changes_the_paragraph(inputs, switch):
     before, after = methods_text(inputs), methods_text(change(inputs))
     assert words in after
     assert words not in before
+
+
+def test_draws_without_walkers_are_called_independent_and_have_no_figures_of_chains(inputs):
+    without = with_sampler(inputs, move_acceptance={})
+    text, section = methods_text(without), sampling_section(without)
+    drawn = f"{len(inputs.posterior.theta)} independent draws"
+    assert f"importance sampling from a distribution that was fitted to it: {drawn}" in text
+    assert drawn in section.blocks[0].text
+    for word in ("ensembles of", "walkers", "with these moves"):
+        assert word in methods_text(inputs)
+        assert word not in text + section.blocks[0].text
+    assert len(section.blocks) == 1 < len(sampling_section(inputs).blocks)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from jointbayes.inference.noise.model_error import LEAST_COMPONENT
 from jointbayes.inference.test import likelihood_of, own_name
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.rounding import number
+from jointbayes.rounding import number, percent
 from vibrecords import Antiresonances, FrfData, ModeData, ModeShapes, Observed
 from vibrecords.arrays import Array
 from vibrecords.modal_fit import identify_modes, identify_zeros
@@ -65,7 +65,7 @@ def with_ratios(
         where = f" of test {part.test.name}" if part.test.name else ""
         return list(used), (
             f"How much {', '.join(dofs)}{where} move relative to each other is not used: the nearest model misses it "
-            f"by {number(100 * nearest, 2)} %, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and "
+            f"by {percent(nearest)}, and {100 * FARTHEST_RATIO:g} % is allowed; look at signs, gains and "
             "places of the sensors."
         )
     return [replace(mode, ratios=tuple(of_mode)) for mode, of_mode in zip(used, ratios, strict=True)], ""
@@ -233,10 +233,7 @@ def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[
     """
     stated, smallest = sizes.frequency, min(mode.sd_hz / mode.frequency_hz for mode in used if not mode.held)
     if stated > smallest:
-        return (
-            f"the FRFs are sharper ({number(100 * smallest, 2)} % of a natural frequency) than the model "
-            f"({number(100 * stated, 2)} %)"
-        )
+        return f"the FRFs are sharper ({percent(smallest)} of a natural frequency) than the model ({percent(stated)})"
     return (
         "" if all(check.explains for check in checked()) else "the model does not explain the FRFs within their noise"
     )

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import Ports
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
-from jointbayes.rounding import sentence_start
+from jointbayes.rounding import percent, sentence_start
 from vibrecords import Data, FrfData, ModalData, quantity_factor
 from vibrecords.arrays import Array
 
@@ -139,7 +139,7 @@ class Diagnosis:
             worst = max(self.modes, key=lambda mode: abs(mode.error_percent))
             place = self.modes.index(worst) + 1
             parts.append(
-                f"resonances are off by up to {abs(worst.error_percent):.2g} % (no. {place}: measured "
+                f"resonances are off by up to {percent(abs(worst.error_percent) / 100)} (no. {place}: measured "
                 f"{worst.measured_hz:.5g} Hz, MAP {worst.predicted_hz:.5g} Hz)"
             )
         if self.pairs:

@@ -11,7 +11,7 @@ from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import Problem
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import number
+from jointbayes.rounding import number, percent
 from vibrecords import quantity_factor
 from vibrecords.arrays import Array
 
@@ -93,7 +93,7 @@ class InferredError:
     @property
     def words(self) -> str:
         """Such as ``"about 0.3 % (up to 0.9 %)"``."""
-        return f"about {number(100 * self.median, 2)} % (up to {number(100 * self.high, 2)} %)"
+        return f"about {percent(self.median)} (up to {percent(self.high)})"
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -103,7 +103,7 @@ class InferredError:
             found.append(f"natural frequencies are off by {self.words}, each for itself")
         if self.spring > USUAL_SPRING:
             found.append(
-                f"something moves the lowest frequency by about {number(100 * self.spring, 2)} % as an unmodelled "
+                f"something moves the lowest frequency by about {percent(self.spring)} as an unmodelled "
                 "spring or a joint that softens does"
             )
         name, shift = max(self.shifts.items(), key=lambda item: abs(item[1]), default=("", 0.0))

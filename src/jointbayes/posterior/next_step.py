@@ -33,7 +33,7 @@ from jointbayes.posterior.first_look import (
 )
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.phrases import WORKSHOP
-from jointbayes.rounding import number, sentence_start
+from jointbayes.rounding import percent, sentence_start
 from vibrecords import ModalData
 
 #: Places of one further sensor that are looked at in each test.
@@ -89,7 +89,7 @@ def spread_in_words(sd: float) -> str:
     ('±8.8 %', '0.38 to 2.7 times', 'beyond 0.0028 to 360 times')
     """
     if sd <= _SMALL:
-        return f"±{number(100 * _HALF_WIDTH * sd, 2)} %"
+        return f"±{percent(_HALF_WIDTH * sd)}"
     low, high = (float(f"{math.exp(side * _HALF_WIDTH * min(sd, _LARGEST)):.2g}") for side in (-1, 1))
     return f"{'' if sd <= _LARGEST else 'beyond '}{low:g} to {high:g} times"
 

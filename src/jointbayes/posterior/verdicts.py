@@ -33,7 +33,7 @@ from jointbayes.posterior.identifiability import (
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.phrases import NOT_SETTLED
 from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
-from jointbayes.rounding import join_unit, number, quantity_text, rounded
+from jointbayes.rounding import join_unit, number, percent, quantity_text, rounded
 from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
 from vibrecords.arrays import Array
 
@@ -41,6 +41,7 @@ from vibrecords.arrays import Array
 BEYOND = 0.025
 #: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
 LEAST_EXCLUDED = 0.1
+_TOO_LITTLE = f"less than {percent(LEAST_EXCLUDED)} of the prior"
 #: Longest line of a verdict on a terminal.
 MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
@@ -209,12 +210,12 @@ def _bounded(
     Draws that exclude next to nothing of the prior's draws give none.
     """
     bound = _bound_in_words(posterior, name, side)
-    of_default = f"the test gives no {side} limit, searched {bound.removeprefix(_DEFAULT).rstrip(',')}"
+    of_default = f"the test gives no {side} limit, searched {bound.removeprefix(_DEFAULT)}"
     reason = of_default if bound.startswith(_DEFAULT) else f"{bound} limits it"
     limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
     excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
     if excluded < LEAST_EXCLUDED:
-        return drawn.judge("not identified", f"{reason}, and the data exclude only {100 * excluded:.0f} % of the prior")
+        return drawn.judge("not identified", f"{reason}, and the data exclude {_TOO_LITTLE}")
     reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
     return drawn.judge("bounded below" if side == "upper" else "bounded above", reason, (limit, error(_LIMIT[side])))
 
@@ -244,12 +245,12 @@ def by_likelihood(
     excluded = float(((prior < ends[0]) | (prior > ends[1])).mean())
     if excluded >= LEAST_EXCLUDED:
         return replace(finding, likelihood95=at95, printed95=ends)
-    few = f"by likelihood the data exclude {100 * excluded:.0f} % of the prior"
-    finding = finding.judge("not identified", f"{finding.verdict_reason}, and {few}")
+    few = f"{finding.verdict_reason}, and by likelihood the data exclude {_TOO_LITTLE}"
+    finding = finding.judge("not identified", few)
     return by_likelihood(posterior, region, name, finding)
 
 
-_DEFAULT = "the default range, "
+_DEFAULT = "the default range "
 
 
 def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
@@ -258,7 +259,7 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     assert bounds is not None
     if posterior.has_default_prior(name):
         reach = "up to" if side == "upper" else "from"
-        return f"{_DEFAULT}{reach} {quantity_text(bounds[side == 'upper'], posterior.unit(name))},"
+        return f"{_DEFAULT}{reach} {quantity_text(bounds[side == 'upper'], posterior.unit(name))}"
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 

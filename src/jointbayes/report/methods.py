@@ -47,7 +47,8 @@ def methods_text(inputs: ReportInputs) -> str:
     told.append(say["search"].format(len(estimate.starts), iteration, reached))
     moves = dict.fromkeys(name.partition(",")[0] for name in record.sampler["move_acceptance"])
     figures = record.sampler | {"ess": min(record.sampler["ess"].values()), "draws": posterior.theta.shape[0]}
-    told.append(say["sampler"].format(**figures | {"moves": ", ".join(say.get(move, move) for move in moves)}))
+    how = say["sampler" if moves else "importance"]
+    told.append(how.format(**figures | {"moves": ", ".join(say.get(move, move) for move in moves)}))
     told.append(say["stop"].format(record.reason))
     told += [say["check"].format(check.sentence) for check in posterior.checks]
     ran = {

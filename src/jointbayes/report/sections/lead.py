@@ -27,7 +27,7 @@ from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.sections.trust import lights_of, worst_test
 from jointbayes.report.structure_sketch import dof_words, sketch
-from jointbayes.rounding import number, quantity_text, sentence_start
+from jointbayes.rounding import percent, quantity_text, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from vibrecords import FrfData
 
@@ -132,11 +132,11 @@ def _sentence(part: Problem, structure: str) -> str:
         seen = "" if modes is None else f"; analysed by the {modes.frequency_hz.size} modes that they show"
         return f"{name}{_frfs(test, frfs)}{level}{seen}."
     if modes is not None:
-        spread = 100 * float(np.median(modes.sd_hz / modes.frequency_hz))
+        spread = float(np.median(modes.sd_hz / modes.frequency_hz))
         low, high = modes.band_hz
         band = f"{low:.5g} to {high:.5g} Hz" if high > low else f"{low:.5g} Hz"
         what = foreign(test.data.in_short())
-        return f"{name}{what}, {band}, each known to {number(spread, 2)} % (standard deviation){level}."
+        return f"{name}{what}, {band}, each known to {percent(spread)} (standard deviation){level}."
     return f"{name}{foreign(test.data.in_short())}{level}."
 
 
@@ -145,11 +145,11 @@ def _frfs(test: Test, data: FrfData) -> str:
     count = len(frf.outputs) * len(frf.inputs)
     averages = f", {provenance.averages} averages" if provenance is not None and provenance.averages else ""
     size = np.abs(frf.values)
-    noise = 100 * float(np.median(np.sqrt(data.variance[size > 0]) / size[size > 0]))
+    noise = float(np.median(np.sqrt(data.variance[size > 0]) / size[size > 0]))
     return (
         f"{count} {'computed ' if data.synthetic else ''}{frf.quantity} FRF{'s' if count > 1 else ''} "
         f"({_where(test, frf.outputs, frf.inputs)}), {frf.n_lines} lines from "
-        f"{frf.frequency_hz[0]:g} to {frf.frequency_hz[-1]:g} Hz{averages}, noise {number(noise, 2)} % of |H| (median)"
+        f"{frf.frequency_hz[0]:g} to {frf.frequency_hz[-1]:g} Hz{averages}, noise {percent(noise)} of |H| (median)"
     )
 
 
@@ -193,7 +193,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
         what = "sideways" if name == "k11" else _MEANING.get(unit_of(name))
         cells = [f"{each.value}\n{each.plain_words}" for each in known]
         bars.append([_bar(each, inputs.summary.parameters[name].prior_interval95) for each in known])
-        shares = "; ".join(f"{number(max(100 * (high - low), 0.1), 2)} %" for low, _, high in bars[-1])
+        shares = "; ".join(percent(max(high - low, 0.001)) for low, _, high in bars[-1])
         rows.append((f"**{foreign(name)}**, {what}" if what else f"**{foreign(name)}**", *cells, shares))
         of_row = {kind_of(each.plain_words) for each in known}
         kinds.append(of_row.pop() if len(of_row) == 1 else "")  # no colour for two verdicts that differ
@@ -314,8 +314,8 @@ def _next(inputs: ReportInputs) -> str:
     step = inputs.knowledge.next_step
     if step is None and inputs.posterior.problem.premises.of_modes:
         return (
-            "Natural frequencies and antiresonances beyond those measured, by a wider band or by a force and a sensor "
-            "at a second point. Two more modes, one more sensor or two antiresonances alone would not tell much more."
+            "None of what was looked at, two more modes, one more sensor or two antiresonances, would tell much more "
+            "by itself. A wider band with force and sensor at a second point gives several of them at once."
         )
     if step is None:
         return (

@@ -73,11 +73,14 @@ def sampling_section(inputs: ReportInputs) -> ReportSection:
     """How the draws were made and how well they mixed."""
     record = inputs.posterior.record
     s = record.sampler
+    if not s["move_acceptance"]:  # no walkers
+        drawn = f"{len(inputs.posterior.theta)} independent draws by importance sampling in {s['seconds']:.1f} s"
+        return ReportSection("sampling", "Sampling", (Paragraph(f"{drawn}, seed {record.seed}."),))
     effective = f"{min(s['ess'].values()):.0f} effective draws in {s['seconds']:.1f} s, seed {record.seed}"
     moves = ", ".join(f"{foreign(name)} {100 * share:.0f} %" for name, share in s["move_acceptance"].items())
     text = (
         f"{s['ensembles']} × {s['walkers']} walkers took {s['steps']} of at most {s['max_steps']} steps and left "
-        f"{effective}. Accepted: {100 * s['acceptance']:.0f} % of the proposals{f' ({moves})' if moves else ''}. "
+        f"{effective}. Accepted: {100 * s['acceptance']:.0f} % of the proposals ({moves}). "
         f"Longest autocorrelation time: {number(max(s['tau'].values()))} steps."
     )
     text += f" {s['singular']} of {s['evaluations']} evaluations had no finite value." if s["singular"] else ""
