@@ -20,6 +20,7 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import restate_history
 from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from vibrecords.formats.read import iter_records
+from vibrecords.formats.units import two_readings
 from vibrecords.frf_set import FrfSet
 from vibrecords.measurement_plan import (
     FrequencyPlan,
@@ -313,7 +314,8 @@ def _apply_quantity(
     for record in records:
         if plan.quantity is None and record.quantity is None:
             raise MeasurementError(
-                f'{_place(record, where)}: found an FRF that does not say what it is (unit "{record.unit}"); expected '
+                f"{_place(record, where)}: found an FRF that does not say what it is (unit "
+                f"{' or '.join(two_readings(record.unit) or [repr(record.unit)])}); expected "
                 'receptance, mobility or accelerance; write for example quantity = "accelerance" in [data]'
             )
         if plan.quantity is not None and record.quantity not in (None, plan.quantity):
@@ -324,7 +326,9 @@ def _apply_quantity(
             contradicted[record.quantity, record.unit] = warning
         stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
         if record.factor is None and plan.frequencies is None and not plan.free_gain:
-            found = f'found the unit "{record.unit}", no motion over a force in SI units'
+            readings = " or ".join(two_readings(record.unit) or ())
+            what = f"which can be {readings}" if readings else "no motion over a force in SI units"
+            found = f'found the unit "{record.unit}", {what}'
             expected = 'the units of response and force: unit = "g" and, of volts, sensitivity in [data.channels]'
             remedy = 'or kind = "measured_frequencies", or [uncertain.gain]'
             raise MeasurementError.of(_place(record, where), (), found, expected, remedy)

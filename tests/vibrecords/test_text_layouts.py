@@ -228,6 +228,7 @@ TABLES = {
         ("frequency [Hz],H (Magnitude) [m/N],H (Phase) [deg]\n" + rows(F, M, P), [frf("H", quantity="receptance")]),
     "DOS, decimal commas":
         ("f;re;im\n" + rows(F, H.real, H.imag, delimiter=";", decimal=",") + "\x1a", [frf()]),
+    "Ctrl-Z and text": ("f,re,im\n" + rows(F, H.real, H.imag) + "\x1a\\c 1,2\n3,4\x01,5\0\n", [frf()]),
     "DOS, CR LF": ("f,re,im\r\n" + rows(F, H.real, H.imag, end="\r\n") + "\x1a", [frf()]),
     **{f"{one} and {two}":
         (f"frequency [Hz],FRF1 real,FRF1 imag,FRF2 real,FRF2 imag,{one},{two}\n"

@@ -11,6 +11,7 @@ from vibrecords.formats.units import (
     parse_unit,
     read_frf_unit,
     sensor_unit,
+    two_readings,
 )
 
 #: Factor to SI and dimension, from Thompson and Taylor, Guide for the Use of the International System of Units, NIST
@@ -126,7 +127,9 @@ def test_an_frf_over_volts_is_in_no_si_unit_but_has_a_quantity(label, quantity):
 
 
 @pytest.mark.parametrize("label", [
-    "EU", "V/N", "V/V", "Pa/N", "N/m", "dB", "m/s^2", "furlong/N", "g·N", "m", "m/s^9/N", "((((((m", "m)/N", 100 * "x"
+    "EU", "V/N", "V/V", "Pa/N", "N/m", "dB", "m/s^2", "furlong/N", "g·N", "m", "m/s^9/N", "((((((m", "m)/N",
+    100 * "x", "m/s^2*N", "m/s² N",
+    "m/s2N", "(m/s^2*N)", "(m/s^2)*N", "N*m/s^2", "N^2", "mm/s N", "g/N*s", "m/s^2/N/Hz", "m/s^2*N/Hz", "m/s*V",
 ])  # fmt: skip
 def test_a_unit_of_no_frf_leaves_the_values_as_they_are_and_says_so(label):
     factor, quantity, notes = read_frf_unit(label)
@@ -134,3 +137,13 @@ def test_a_unit_of_no_frf_leaves_the_values_as_they_are_and_says_so(label):
     assert "left as written" in notes[0]
     assert frf_unit(label) is frf_unit("") is sensor_unit("V") is frequency_factor("furlong") is None
     assert read_frf_unit("") == (1.0, None, [])
+
+
+@pytest.mark.parametrize(("label", "readings"), [
+    ("m/s^2*N", ("(m/s^2)*N", "m/(s^2*N)")), ("m/s² N", ("(m/s^2)*N", "m/(s^2*N)")),
+    ("[mm/s·N]", ("(mm/s)*N", "mm/(s*N)")),
+    *((label, None) for label in ("m/s^2/N", "m/(s^2*N)", "1/N*(m/s²)", "m/s^2·N^-1", "g/lbf", "m*s/N", "", "()",
+    "EU/EU*N")),
+])  # fmt: skip
+def test_a_factor_behind_a_stroke_is_read_in_two_ways(label, readings):
+    assert two_readings(label) == readings

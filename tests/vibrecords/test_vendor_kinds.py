@@ -240,12 +240,16 @@ def test_a_last_line_filled_up_with_zeros(tmp_path, single, even, count):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("tail", ["\x1a", "\x1a\r\n", "\n\x1a\x1a"])
+@pytest.mark.parametrize(
+    "tail", ["\x1a", "\x1a\r\n", "\n\x1a\x1a", "\n\x1a\\c", "\x1a\\c\r\nmore\x01text", "\x1a\nc:\\ab\n\0\n"]
+)
 def test_text_before_the_first_data_set_and_ctrl_z_behind_the_last(tmp_path, end, tail):
     text = function_58(V, F).replace("\n", end)
     for above in ("", f"Export of analyser 7{end}2026-02-03, 58 channels{end}-1.5 2.5{end}"):
         for body in (text, text.rstrip()):
             np.testing.assert_allclose(one(put(tmp_path / "a", above + body + tail)).values, V, rtol=1e-11)
+    first, second = records_of(tmp_path / "e", text + tail + end + text)  # two files in one
+    np.testing.assert_array_equal(first.values, second.values)
     with pytest.raises(MeasurementError, match="between data sets"):
         records_of(tmp_path / "b", text + "more text" + end + text)
     with pytest.raises(MeasurementError, match="expected"):  # the first delimiter is missing

@@ -116,7 +116,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
 def _text_format(path: Path, head: bytes, text: bytes) -> str:
     if text.split(b"\n", 1)[0].strip() == b"-1" or BEGINNING.search(head):
         return "uff"
-    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head.rstrip(b"\x1a\r\n")):
+    head = head.partition(b"\n\x1a")[0].rstrip(b"\x1a\r\n")  # Ctrl-Z ends a text of DOS, whatever follows
+    if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
     return "table"
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, complex_of
+from vibrecords.arrays import Array, ComplexArray, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import table_text as headers
 from vibrecords.formats.table_text import Column, ColumnTable, Role, describe, float_of
@@ -16,6 +16,8 @@ from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record
 _WHOLE: tuple[set[Role], ...] = ({"real", "imaginary"}, {"magnitude", "phase"})
 _UNITLESS = "no unit, where other columns have one: values left as written, and not taken as SI"
 _EXAMPLE = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
+#: Estimates of an FRF, as a word of a column's name.
+_ESTIMATE = re.compile(r"(?<![^\W_])h[1234vsc](?![^\W_])", re.IGNORECASE)
 _DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
 
 
@@ -91,6 +93,7 @@ class _Group:
             self.notes += ("frequency without unit taken as Hz",)
         if rest and not any(columns[i].header or columns[i].unit for i in rest):
             _name_parts(columns, self.values, rest)
+        self.notes += _take_one_estimate(columns, self.values, rest)
         frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
         others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
         if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
@@ -224,6 +227,43 @@ def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> Non
         columns[b] = Column("imaginary", f"output {k} / input 1", "")
 
 
+@np.errstate(all="ignore")
+def _take_one_estimate(columns: list[Column], values: Array, numbers: list[int]) -> tuple[str, ...]:
+    """Keep one of the estimates H1, H2, Hv of an FRF, H1 where it is there; a note says which.
+
+    Names that differ by this word alone may be those of channels as well. Estimates have the same phase on all lines,
+    since H1/H2 = γ² is real, and channels do not.
+    """
+    of_frf: dict[str, dict[str, list[int]]] = {}  # by the name without the estimate, then by the estimate
+    for i in numbers:
+        word = _ESTIMATE.search(columns[i].name)
+        if word and columns[i].role in headers.FRF_ROLES:
+            rest = " ".join(_ESTIMATE.sub(" ", columns[i].name, count=1).strip(" _,;:-").split())
+            of_frf.setdefault(rest, {}).setdefault(word[0].capitalize(), []).append(i)
+    notes: tuple[str, ...] = ()
+    for rest, estimates in of_frf.items():
+        turns = [_turn({columns[i].role: values[:, i] for i in of_one}) for of_one in estimates.values()]
+        alike = all(np.nanmedian(np.abs(turn / turns[0] - 1)) < 0.01 for turn in turns)
+        if len(estimates) < 2 or not (alike or estimates.keys() >= {"Hv"}):
+            continue
+        taken = min(estimates)
+        for estimate, of_one in estimates.items():
+            for i in of_one:
+                role: Role = columns[i].role if estimate == taken else "other"
+                columns[i] = replace(columns[i], role=role, name=rest)
+        notes += (f"{', '.join(sorted(estimates))} are estimates of one FRF: {taken} taken",)
+    return notes
+
+
+def _turn(parts: Mapping[Role, Array]) -> ComplexArray:
+    """e^(iφ) of an FRF by its parts; NaN without phase."""
+    if parts.keys() >= {"real", "imaginary"}:
+        frf = complex_of(parts["real"], parts["imaginary"])
+        return np.asarray(frf / np.abs(frf))
+    first = next(iter(parts.values()))
+    return np.asarray(np.exp(1j * np.deg2rad(parts.get("phase", first * np.nan))))
+
+
 def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[Role, int]]]:
     """FRFs by name with their columns: those of one name belong together, a role that comes again begins the next.
 
@@ -231,6 +271,9 @@ def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[
     """
     phases = [i for i in numbers if columns[i].role == "phase"]
     levels = [i for i in numbers if columns[i].role in ("other", "spectrum") and _may_be_magnitude(columns[i])]
+    if not levels and any(column.role == "spectrum" for column in columns):  # phases of cross spectra
+        for i in phases if not any(columns[i].role == "magnitude" for i in numbers) else ():
+            columns[i] = replace(columns[i], role="other")
     if len(levels) == len(phases) and not any(columns[i].role in ("magnitude", "real") for i in numbers):
         for level, phase in zip(levels, phases, strict=True):
             name = columns[level if columns[level].role == "other" else phase].name
@@ -265,6 +308,8 @@ def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[
 
 
 def _may_be_magnitude(column: Column) -> bool:
+    if headers.names_spectrum(column.header):
+        return False
     in_bars = re.fullmatch(r"\|[^|]+\|", column.header)
     return bool(in_bars) or column.unit.lower().startswith("db") or read_frf_unit(column.unit)[1] is not None
 

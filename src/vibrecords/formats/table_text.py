@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, Quantity
 from vibrecords.errors import MeasurementError, require_at_most
-from vibrecords.formats.units import TIME_S, frequency_factor, parse_unit, read_sensor_unit
+from vibrecords.formats.units import TIME_S, frequency_factor, is_of_two_signals, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, require_short
 
 Role = Literal[
@@ -52,12 +52,11 @@ _LAST = re.compile(rf"(?:(?<![^\W_])(?<!:)(?:{_LONG})|(?<![\w:])(?:{_SHORT}))$",
 #: Words that every FRF may have in its name.
 _FRF = re.compile(r"\b(?:frequency response(?: function)?|transfer function|frf|frequenzgang)\b", re.IGNORECASE)
 _SPECTRUM = re.compile(
-    r"(?<![^\W_])(?:fft|rms|psd|asd|[a-z]{0,9}sp(?:e[ck]|éc)tr(?:um|al|e)|(?:auto|cross)[ -]?(?:power|spectr\w{1,3})|"
-    r"leistungsdichte|peak ?hold)(?![^\W_])",
+    r"(?<![^\W_])(?:fft|rms|[pace]sd|cpsd|[gsp]_?\{?(?:[ab]{2}|[afiquvxy]{2})\}?|[a-zäöü]{0,9}sp(?:e[ck]|éc)tr(?:um|al|e)|"
+    r"(?:auto|cross)[ -]?(?:power|spectr\w{1,3})|[a-zäöü]{0,9}leistungs?(?:dichte|spektrum)|peak ?hold)(?![^\W_])",
     re.IGNORECASE,
 )
-_HINT = re.compile(r"fft|rms|sd|tr|pow|pea|dichte", re.IGNORECASE)
-_SPECTRAL_UNIT = re.compile(r"(?:\^2|²|2|\))\s*/\s*Hz|Hz\^?-1|(?:√|sqrt\(?|rt)\s*Hz|^dB", re.IGNORECASE)
+_SPECTRAL_UNIT = re.compile(r"/\s*(?:√|sqrt|rt)?\s*\(?Hz|Hz\^?-1|(?:√|sqrt\(?|rt)\s*Hz|^dB", re.IGNORECASE)
 _INDEX = re.compile(
     r"(?:spectral )?(?:line|linie|ligne|index|idx|row|zeile|point|punkt|samples?|bin|marker|event|n[ro°]|number|#)"
     r"\.?(?: ?(?:n[ro°]|number|#)\.?)?",
@@ -116,7 +115,7 @@ def column_of(header: str) -> Column:
         shorter = words.sub(" ", name)
         if shorter != name:
             quantity, name = candidate, " ".join(shorter.split())
-    if _HINT.search(name) and _SPECTRUM.search(name):
+    if names_spectrum(name):
         return Column("spectrum", name, unit, quantity, whole)
     name = " ".join(_FRF.sub(" ", name).split()) or name
     if numbered := _NUMBERED.fullmatch(name):
@@ -131,10 +130,23 @@ def column_of(header: str) -> Column:
             rest, unit = "", rest.replace("_", "/")
         if not (role in ("frequency", "time") and len(match[0]) == 1 and unit and axis_role(unit) != role):  # f [N]
             rest = rest[1:-1] if rest[:1] == "(" and rest[-1] == ")" else rest
+            if role in FRF_ROLES and is_spectral(unit) and not unit.lower().startswith("db"):
+                return Column("spectrum", name, unit, quantity, whole)
             return Column(role, rest, unit, quantity, whole)
     if _INDEX.fullmatch(name) and not unit:
         return Column("index", name, "", header=whole)
-    return Column("spectrum" if _SPECTRAL_UNIT.search(unit) else "other", name, unit, quantity, whole)
+    return Column("spectrum" if is_spectral(unit) else "other", name, unit, quantity, whole)
+
+
+def names_spectrum(header: str) -> bool:
+    """Whether a name is one of a spectrum: FFT, Gxf, cross power."""
+    return _SPECTRUM.search(header) is not None
+
+
+def is_spectral(unit: str) -> bool:
+    """Whether a unit is one of a spectrum: per Hz, a square or a product of two signals, or in decibels."""
+    # SignalCalc writes (m/s2)(N) for an FRF
+    return _SPECTRAL_UNIT.search(unit) is not None or is_of_two_signals(unit.replace(")(", ")/("))
 
 
 def _name_and_unit(header: str) -> tuple[str, str]:
@@ -350,7 +362,7 @@ def text_lines(path: Path) -> Lines:
         number = 0
         while text := file.readline(_LONGEST_LINE):
             number += 1
-            if text.strip() == "\x1a":  # which ends a text of DOS
+            if text.lstrip().startswith("\x1a"):  # Ctrl-Z ends a text of DOS
                 return
             if len(text) == _LONGEST_LINE:
                 raise MeasurementError(

@@ -240,8 +240,8 @@ def _binary(line: bytes | None) -> tuple[str, int]:
 _CHUNK = 1 << 16
 _LONGEST_LINE = 4096
 #: DOS ends a text with Ctrl-Z.
-_DELIMITER = re.compile(rb"[ \t]*-1[ \t\x1a]*\r?\n?")
-_CLOSING = re.compile(rb"\n[ \t]*-1[ \t\x1a]*(?:\r?\n|\r?$)")
+_DELIMITER = re.compile(rb"[ \t]*-1[ \t]*\r?\n?")
+_CLOSING = re.compile(rb"\n[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|\r?$)")
 #: Where the first data set begins: lines above it say what the program that wrote the file was.
 BEGINNING = re.compile(rb"^[ \t]*-1[ \t]*\r?\n[ \t]*\d{2,6}(?:[ \t]*|[bB][ \d]*)\r?$", re.MULTILINE)
 #: A delimiter with its blanks up to column 80 and both line ends is no longer.
@@ -289,7 +289,7 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
     MeasurementError
         If a data set has no end, text stands between data sets, or a header cannot be read.
     """
-    number = 0
+    number, is_ended = 0, False
     if file.read(3) != b"\xef\xbb\xbf":
         file.seek(0)
     while True:
@@ -297,7 +297,9 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
         line = file.readline(_LONGEST_LINE)
         if not line:
             return
-        if not line.strip(b" \t\r\n\x1a") or (number == 0 and not _DELIMITER.fullmatch(line)):
+        is_ended = is_ended or b"\x1a" in line  # Ctrl-Z ends a text of DOS, unless another data set follows
+        line = line.lstrip(b"\x1a")
+        if not line.strip() or ((number == 0 or is_ended) and not _DELIMITER.fullmatch(line)):
             continue
         if not _DELIMITER.fullmatch(line):
             raise MeasurementError(
@@ -330,7 +332,7 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     size = header.count * header.row.itemsize
     stop = start + size
     file.seek(stop)
-    end = re.match(rb"\r?\n?[ \t]*-1[ \t\x1a]*(?:\r?\n|$)", file.read(_OVERLAP))
+    end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|$)", file.read(_OVERLAP))
     if end is None:
         found = f"found no delimiter -1 after the {size} bytes of {header.count} values"
         remedy = "the file is cut off or its counts are wrong, export it again"

@@ -58,7 +58,9 @@ FREQUENCY_HZ: dict[str, float] = {
 _SUPERSCRIPTS = str.maketrans(
     {"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "[": "(", "]": ")", "’": "'"}
 )
-_TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/()]))")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<name>[A-Za-z]+0?|1)(?P<power>(?:\^|\*\*)?(?:-?\d|\(-?\d\)))?|(?P<sign>[*/(]|\)(?:(?:\^|\*\*)(?P<raised>-?\d))?))"
+)
 #: A plural as programs write it, ``g's`` and ``Pound(s)``; and metres by seconds run together, ``ms-2``.
 _PLURAL = re.compile(r"(?<=[A-Za-z])(?:'s\b|(?<=[A-Za-z]{3})\(s\))")
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])ms(?=\^?\(?-\d)")
@@ -111,18 +113,22 @@ def parse_unit(label: str, *, lasting: bool = True) -> Unit | None:
     >>> parse_unit("EU/EU") is None
     True
     """
-    text = label.translate(_SUPERSCRIPTS).replace("^-^", "^-").strip()
-    if not text or len(text) > 60:  # no unit is longer; a bound keeps brackets from nesting deeply
-        return None
-    text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
-    tokens = list(_TOKEN.finditer(text))
-    if sum(len(token[0]) for token in tokens) < len(text):  # something between them is none
-        return None
     try:
-        unit, rest = _product(tokens, lasting)
+        unit, rest = _product(_tokens(label), lasting)
     except (KeyError, ValueError, OverflowError):
         return None
     return None if rest else unit
+
+
+def _tokens(label: str) -> list[re.Match[str]]:
+    text = label.translate(_SUPERSCRIPTS).replace("^-^", "^-").strip()
+    if not text or len(text) > 60:  # no unit is longer; a bound keeps brackets from nesting deeply
+        raise ValueError(label)
+    text = _RUN_TOGETHER.sub("m*s", _PLURAL.sub("", text))
+    tokens = list(_TOKEN.finditer(text))
+    if sum(len(token[0]) for token in tokens) < len(text):  # something between them is none
+        raise ValueError(label)
+    return tokens
 
 
 def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.Match[str]]]:
@@ -136,11 +142,11 @@ def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.
                 power = -1
             case "(":
                 inner, tokens = _product(tokens, lasting)
-                if not tokens or tokens[0]["sign"] != ")":
+                if not tokens:
                     raise ValueError("bracket")
+                unit = unit.times(inner, power * int(tokens[0]["raised"] or 1))
                 tokens = tokens[1:]
-                unit = unit.times(inner, power)
-            case ")":
+            case str() as sign if sign.startswith(")"):
                 return unit, [token, *tokens]
             case _:
                 name = token["name"]
@@ -151,6 +157,32 @@ def _product(tokens: list[re.Match[str]], lasting: bool) -> tuple[Unit, list[re.
     return unit, tokens
 
 
+def two_readings(label: str) -> tuple[str, str] | None:
+    """The two units that a label with one stroke and no bracket can stand for, or None where it stands for one.
+
+    Examples
+    --------
+    >>> two_readings("m/s^2*N")
+    ('(m/s^2)*N', 'm/(s^2*N)')
+    >>> two_readings("m/s^2/N") is two_readings("m/(s^2*N)") is None
+    True
+    """
+    if parse_unit(label) is None:
+        return None
+    tokens = _tokens(label)
+    while len(tokens) > 2 and (tokens[0]["sign"], tokens[-1]["sign"]) == ("(", ")"):
+        tokens = tokens[1:-1]
+    words = [token[0].strip() for token in tokens]
+    if words.count("/") != 1 or set(words) & {"(", ")"}:
+        return None
+    stroke = words.index("/")
+    above, (first, *others) = "".join(words[:stroke]), [word for word in words[stroke + 1 :] if word != "*"]
+    if not others or any("-" in word for word in others):  # a negative power divides without a stroke
+        return None
+    rest = "*".join(others)
+    return f"({above}/{first})*{rest}", f"{above}/({first}*{rest})"
+
+
 def sensor_unit(label: str) -> tuple[float, SensorQuantity] | None:
     """Factor to SI and what is measured, or None where the label does not say.
 
@@ -159,8 +191,25 @@ def sensor_unit(label: str) -> tuple[float, SensorQuantity] | None:
     >>> sensor_unit("g")
     (9.80665, 'acceleration')
     """
-    unit = parse_unit(label)
+    unit = None if two_readings(label) else parse_unit(label)
     return (unit.factor, _SENSORS[unit.powers]) if unit and unit.powers in _SENSORS else None
+
+
+def is_of_two_signals(label: str) -> bool:
+    """Whether a unit is the square of a force's or motion's or the product of two, per Hz or not: of no FRF.
+
+    Examples
+    --------
+    >>> is_of_two_signals("(m/s^2)*N"), is_of_two_signals("N^2/Hz"), is_of_two_signals("g/N")
+    (True, True, False)
+    """
+    unit = parse_unit(label, lasting=False)
+    if unit is None or two_readings(label):
+        return False
+    metres, kilograms, seconds, volts = unit.powers
+    seconds -= "hz" in label.lower()
+    torque = (kilograms, seconds) == (1, -2)
+    return (metres, volts) == (2, 0) and 0 <= kilograms <= 2 and -4 <= seconds <= 0 and not torque
 
 
 def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | None:
@@ -180,6 +229,8 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
     >>> frf_unit("m/s", "lbf")[1]
     'mobility'
     """
+    if two_readings(label) or "hz" in label.lower():  # no FRF is a density over frequency
+        return None
     units = _readings(label, reference_label)
     meant = [u for u in units if (p := u.powers)[1::2] == (-1, 0) and p[0] in (0, -1, -2) and p[2] in (0, 1, 2)]
     if len(meant) != 1:
@@ -201,6 +252,8 @@ def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, 
     The factor is None where the unit is not understood, or none of an FRF over a force; 1 where there is no unit. The
     quantity of an FRF over volts is that of its response: its modes are those of the structure.
     """
+    if readings := two_readings(label):
+        return None, None, [f"unit {label!r} can be {' or '.join(readings)}, values left as written"]
     parsed = frf_unit(label, reference_label)
     volts = {-u.powers[2] for u in _readings(label, reference_label) if u.powers[:2] == (1, 0) and u.powers[3] == -1}
     if parsed is None and len(volts) == 1 and (power := volts.pop()) in (0, 1, 2):
@@ -212,6 +265,8 @@ def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, 
 
 def read_sensor_unit(label: str) -> tuple[float | None, SensorQuantity | None, list[str]]:
     """The same for the unit of a time history."""
+    if readings := two_readings(label):
+        return None, None, [f"unit {label!r} can be {' or '.join(readings)}, values left as written"]
     if parse_unit(label) is not None and sensor_unit(label) is None:
         return None, None, [f"unit {label!r} is that of no force or motion, values left as written"]
     return _read(label, sensor_unit(label), SI_SENSOR.__getitem__)
