@@ -3,13 +3,17 @@
 The truth of each is made here from its definition, so that nothing of the reader is its own oracle.
 """
 
+import re
+
 import h5py
 import nptdms
 import numpy as np
 import pytest
 import scipy.io
+from benchmarks.made_files import matlab_4
 
-from tests.vibrecords.reading import records_of, refusal
+from tests.vibrecords.array_trees import WRITERS
+from tests.vibrecords.reading import put, records_of, refusal
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
 from vibrecords.records import FrfRecord, TimeRecord
 
@@ -172,6 +176,119 @@ def test_attributes_that_change_nothing_and_those_that_are_wrong(tmp_path):
     refusal(hdf5(tmp_path / "c", two), None, "found data sets of different fs; expected one rate in a group")
     parts = {"f": LINES, "real": (H.real, {"unit": "m/N"}), "imag": (H.imag, {"unit": "mm/N"})}
     refusal(hdf5(tmp_path / "d", parts), None, "variable 'imag': found the unit 'mm/N'; expected 'm/N', that of 'real'")
+
+
+# ---- what is asked, and the advice followed to the letter
+
+SIZE, PHASE = np.abs(H), np.angle(H)
+LONG = np.random.default_rng(52).normal(size=(500_000, 2))
+DEWESOFT = {
+    "Sample_rate": 1024.0,
+    "Data1_MT_Ave_Count": np.int64(5),
+    "Data1_X_MT_FRF_H1_2Zplus_1Zplus_Ampl": LINES,
+    "Data1_MT_FRF_H1_2Zplus_1Zplus_Ampl": SIZE,
+    "Data1_X_MT_FRF_H1_2Zplus_1Zplus_Phase": LINES,
+    "Data1_MT_FRF_H1_2Zplus_1Zplus_Phase": PHASE,
+    "Data1_X_MT_Coherence_2Zplus_1Zplus": LINES,
+    "Data1_MT_Coherence_2Zplus_1Zplus": COHERENCE,
+}
+TWO_ESTIMATORS = DEWESOFT | {name.replace("H1", "H2"): value for name, value in DEWESOFT.items() if "_FRF_H1" in name}
+HITS = {"force": FORCE, "response": MOTION}
+#: Name: what the file holds, and what is read when the first advice of the refusal is pasted as it stands: an FRF with
+#: or without its coherence, or histories.
+ASKED = {
+    "DEWESoft's modal test": (DEWESOFT, "frf with coherence"),
+    "DEWESoft's two estimators": (TWO_ESTIMATORS, "frf with coherence"),
+    "a phase in radians": ({"f": LINES, "mag": SIZE, "phase": PHASE, "coh": COHERENCE}, "frf with coherence"),
+    "a phase in radians, in a struct": ({"run": {"f": LINES, "mag": SIZE, "phase": PHASE}}, "frf"),
+    "decibels below 0": ({"f": LINES, "H_mag": 20 * np.log10(SIZE), "H_phase_rad": PHASE, "coh": COHERENCE},
+                         "frf with coherence"),
+    "a matrix of t, F, x": ({"Data": np.column_stack([TIME, FORCE, MOTION])}, HITS),
+    "a matrix of t, F, x on its side": ({"Data": np.vstack([TIME, FORCE, MOTION])}, HITS),
+    "a matrix of t, x": ({"Data": np.column_stack([TIME, MOTION])}, {"response": MOTION}),
+    "a matrix of t from 5 s on": ({"Data": np.column_stack([5 + TIME, FORCE, MOTION])}, HITS),
+    "a matrix of t, F, x, x, x": (
+        {"Data": np.column_stack([TIME, FORCE, MOTION, 2 * MOTION, -MOTION])},
+        {"channel 1": FORCE, "channel 2": MOTION, "channel 3": 2 * MOTION, "channel 4": -MOTION}),
+    "t, F, x in a struct": ({"test": {"Data": np.column_stack([TIME, FORCE, MOTION])}}, HITS),
+    "500 000 samples of two channels": ({"result": LONG}, {"channel 1": LONG[:, 0], "channel 2": LONG[:, 1]}),
+    "500 000 samples and their rate": (
+        {"result": LONG, "fs": RATE}, {"channel 1": LONG[:, 0], "channel 2": LONG[:, 1]}),
+    "one channel without a name": ({"rec": LONG[:, 0]}, {"response": LONG[:, 0]}),
+    "a force without a rate": ({"force": FORCE, "response": MOTION}, HITS),
+    "instants without a name": ({"q": TIME, "hammer_x": FORCE, "acc_tip": MOTION},
+                                {"hammer_x": FORCE, "acc_tip": MOTION}),
+    "a matrix of f, real, imaginary": ({"Data": np.column_stack([LINES, H.real, H.imag])}, "frf"),
+    "a matrix of f, real, imaginary on its side": ({"Data": np.vstack([LINES, H.real, H.imag])}, "frf"),
+    "a complex matrix of f, H": ({"Data": np.column_stack([LINES, H])}, "frf"),
+    "an FRF of two columns": ({"H": np.column_stack([H.real, H.imag]), "f": LINES}, "frf"),
+    "two columns over a step": ({"measured": np.column_stack([H.real, H.imag]), "df": 2.0, "f_start": 2.0}, "frf"),
+    "lines without a name": ({"H": H, "abc": LINES, "coh": COHERENCE}, "frf with coherence"),
+    "lines and FRF without names": ({"abc": LINES, "def": H}, "frf"),
+    "parts without names": ({"abc": LINES, "de": H.real, "fg": H.imag}, "frf"),
+    "a part without a name": ({"f": LINES, "H": H.real, "rest": H.imag, "coh": COHERENCE}, "frf with coherence"),
+    "two estimates": ({"f": LINES, "H1": H, "H2": 0.9 * H, "coh": COHERENCE}, "frf with coherence"),
+    "an axis w": ({"w": 2 * np.pi * LINES, "H": H}, "frf"),
+    "two axes": ({"f": LINES, "freq": 2 * LINES, "H": H}, "frf"),
+}  # fmt: skip
+
+
+def advice(message):
+    """The first keys of a layout that a refusal gives to be pasted."""
+    first = re.split(r", or |; or | or (?=\w+ = )| with | in \[data", message.rsplit("write ", 1)[1])[0]
+    return dict(re.findall(r'(\w+) = "([^"]+)"', first))
+
+
+@pytest.mark.parametrize("form", ["mat", "hdf5"])
+@pytest.mark.parametrize("name", ASKED)
+def test_advice_is_enough_when_it_is_followed(tmp_path, name, form):
+    tree, expected = ASKED[name]
+    WRITERS[form](tree, tmp_path / "a")
+    records = records_of(tmp_path / "a", **advice(refusal(tmp_path / "a", None, "write ")))
+    if isinstance(expected, dict):
+        assert {type(record) for record in records} == {TimeRecord}
+        assert {record.channel for record in records} == expected.keys()
+        for record in records:
+            np.testing.assert_allclose(record.values, expected[record.channel], rtol=1e-12)
+            assert record.sample_rate_hz == pytest.approx(RATE)
+        return
+    (frf,) = records
+    np.testing.assert_allclose(frf.values, H, rtol=1e-9)
+    np.testing.assert_allclose(frf.frequency_hz, LINES, rtol=1e-12)
+    if expected == "frf with coherence":
+        np.testing.assert_allclose(frf.coherence, COHERENCE)
+    else:
+        assert frf.coherence is None
+    if tree is DEWESOFT:
+        assert (frf.response, frf.reference, frf.averages) == ("2:Z+", "1:Z+", 5)
+
+
+def test_the_phase_of_several_frfs_is_answered_once_and_in_degrees_too(tmp_path):
+    second = {name.replace("2Zplus", "3RXminus"): value for name, value in DEWESOFT.items() if "2Zplus" in name}
+    path = put(tmp_path / "a", DEWESOFT | second)
+    for key, turned in (("phase_rad", np.exp(1j * PHASE)), ("phase_deg", np.exp(1j * np.deg2rad(PHASE)))):
+        records = records_of(path, **{key: "Data1_MT_FRF_H1_2Zplus_1Zplus_Phase"})
+        assert [record.response for record in records] == ["2:Z+", "3:RX-"]
+        for record in records:
+            np.testing.assert_allclose(record.values, SIZE * turned, rtol=1e-9)
+
+
+def test_lines_of_mescope_come_from_a_first_one_and_a_step(tmp_path):
+    (tmp_path / "a").write_bytes(matlab_4("<", 0, FRF=np.column_stack([H, 2 * H])))
+    layout = advice(refusal(tmp_path / "a", None, "with the first line and the step in Hz"))
+    assert layout == {"f_start_hz": "0", "f_step_hz": "0.5"}
+    first, second = records_of(tmp_path / "a", **{"f_start_hz": "2", "f_step_hz": "2"})
+    for record, factor in ((first, 1), (second, 2)):
+        np.testing.assert_allclose(record.values, factor * H)
+        np.testing.assert_allclose(record.frequency_hz, LINES)
+
+
+def test_columns_of_a_matrix_are_named_one_or_several(tmp_path):
+    path = put(tmp_path / "a", {"f": LINES, "all": np.column_stack([LINES, H, 2 * H, 3 * H])})
+    records = records_of(path, frf="all(:,3:4)")
+    np.testing.assert_allclose([record.values for record in records], [2 * H, 3 * H])
+    for wrong in ("all(:,3:5)", "all(:,3:2)", "all(0:2,:)"):
+        refusal(path, None, "expected a column or row of it, or several as 2:4", {"frf": wrong})
 
 
 def test_a_constant_signal_packs_well_and_is_no_bomb(tmp_path):

@@ -163,6 +163,14 @@ def test_a_unit_that_contradicts_the_axis_types_or_is_not_there_is_warned_of(tmp
         assert keys(iter_records(path)) == {key}
 
 
+@pytest.mark.parametrize("unit", ["N/m", "N/mm", "N/(m/s)", "kg", "lbf/g"])
+def test_the_peaks_of_a_force_over_a_motion_are_no_modes(unit, tmp_path):
+    np.savez(tmp_path / "a.npz", f=np.arange(1.0, 65.0), H=1 / (1 + 1j * np.arange(64.0)), unit=unit)
+    (warning,) = (w for w in find_warnings(iter_records(tmp_path / "a.npz")) if w.key.startswith("unit"))
+    assert warning.key == "unit_inverse"
+    assert "natural frequencies need none" not in warning.remedy
+
+
 def test_a_clean_file_raises_nothing_over_many_structures_and_noises():
     alarms = {}
     for seed in range(60):

@@ -28,7 +28,6 @@ from vibrecords.formats.named_arrays import (
     square_error,
     strings,
     time_records,
-    tokens_of,
     two_axes_error,
 )
 from vibrecords.formats.table_text import float_of
@@ -101,33 +100,30 @@ def _frfs(block: Block) -> list[_Values]:
     if named and not frfs:
         frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:
-        path, parts = block.path(named[0]), columns_of_parts(block.get(named[0]), block.path(named[0]))
-        keys = f'magnitude = "{path}" and phase_deg, or real and imaginary'
-        keys = f"{parts}, or magnitude and phase_deg so" if parts else keys
+        others = [
+            n
+            for role in ("", "signal")
+            for n in block.named(role)
+            if size_of(block.get(n)) == size_of(block.get(named[0]))
+        ]
+        if keys := _matrix_keys(block, named[0]):
+            keys = f"write {keys}"
+        elif others:
+            keys = (
+                f"write {_paste(block, real=named[0], imaginary=others[0])}, or magnitude and phase_deg or phase_rad so"
+            )
+        else:
+            keys = f"export the other part as well, or write {_paste(block, real=named[0])} if it is a real part alone"
         found = f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude"
-        expected = "complex numbers, or the other part beside it"
-        raise MeasurementError(f"{found}; expected {expected}; write {keys}, in [data.layout]")
+        raise MeasurementError(
+            f"{found}; expected complex numbers, or the other part with them; {keys}, in [data.layout]"
+        )
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
         raise MeasurementError(
             f"{block.where(named[0])}: found {' and '.join(named)}, which may be estimates of one FRF or FRFs of "
-            f'several channels; expected one of them; write frf = "{block.path(named[0])}" in [data.layout]'
+            f"several channels; expected one of them; write {_paste(block, frf=named[0])} in [data.layout]"
         )
     return frfs
-
-
-def columns_of_parts(value: Any, path: str) -> str:  # noqa: ANN401
-    """Keys of a layout for a matrix of two or three columns or rows: an axis, real and imaginary part; else empty."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iufc" or value.ndim != 2 or max(value.shape) < 4:
-        return ""
-    if is_complex(value):  # an axis and what stands over it
-        first, form = (value[:, 0], "(:,{})") if value.shape[1] == 2 else (value[0], "({},:)")
-        pair = 2 in value.shape and rises(first.real) and not first.imag.any()
-        return f'frequency_hz = "{path}{form.format(1)}", frf = "{path}{form.format(2)}"' if pair else ""
-    columns, form = (value.shape[1], "(:,{})") if value.shape[1] in (2, 3) else (value.shape[0], "({},:)")
-    if columns not in (2, 3) or (columns == 3 and not rises(value[:, 0] if form[1] == ":" else value[0])):
-        return ""
-    keys = ("frequency_hz", "real", "imaginary")[-columns:]
-    return ", ".join(f'{key} = "{path}{form.format(i)}"' for i, key in enumerate(keys, start=1))
 
 
 def _pairs(block: Block, names: list[str], others: list[str]) -> Iterator[tuple[str, str]]:
@@ -157,16 +153,19 @@ def _polar(block: Block, name: str, of_phase: str) -> _Values:
         notes = ["decibels taken as 20 log10 of the magnitude"]
         magnitude = 10 ** (magnitude / 20)
     elif (magnitude < 0).any():
+        key = "phase_rad" if "rad" in hints else "phase_deg"
         raise MeasurementError(
             f"{block.where(name)}: found negative numbers, which may be decibels or the real part of an FRF; expected "
-            f'magnitudes of 0 or more; write magnitude_db or real = "{block.path(name)}" in [data.layout]'
+            f"magnitudes of 0 or more; write {_paste(block, magnitude_db=name, **{key: of_phase})}, or real with its "
+            "imaginary part, in [data.layout]"
         )
     if not hints & {"deg", "rad"} and np.max(np.abs(phase[np.isfinite(phase)]), initial=0.0) > _MOST_RADIANS:
         hints, notes = frozenset({"deg"}), [*notes, "phase without unit taken as degrees, since it passes 4π"]
     if not hints & {"deg", "rad"}:
         raise MeasurementError(
-            f"{block.where(of_phase)}: found a phase that may be in degrees or in radians; expected the unit in its "
-            f'name; write phase_deg = "{block.path(of_phase)}" or phase_rad in [data.layout]'
+            f"{block.where(of_phase)}: found a phase that may be in degrees or in radians; expected its unit; write "
+            f'phase_rad = "{block.path(of_phase)}" or phase_deg = "{block.path(of_phase)}" in [data.layout]: this key '
+            "alone will do"
         )
     return _Values(name, magnitude * np.exp(1j * (np.deg2rad(phase) if "deg" in hints else phase)), notes)
 
@@ -208,21 +207,19 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
     if step is not None:
         raise MeasurementError(
             f"{block.where(name)}: found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz; "
-            f'expected both; write f_start_hz = "0" or "{step:g}" in [data.layout]'
+            f'expected both; write f_start_hz = "0" or f_start_hz = "{step:g}" in [data.layout]'
         )
     if axes := [*block.named("w"), *(block.outer.named("w") if block.outer else [])]:
         raise MeasurementError(
             f"variable '{axes[0]}': found an axis that may be in rad/s or in Hz; expected its name to say which; write "
-            f'omega_rad_s = "{axes[0]}" or frequency_hz in [data.layout]'
+            f'omega_rad_s = "{axes[0]}" or frequency_hz = "{axes[0]}" in [data.layout]'
         )
     rising = [n for n, v in block.arrays.items() if size_of(v) in shape and rises(v)]
-    parts = columns_of_parts(block.get(name), block.path(name))
-    guess = f"write {parts} in [data.layout]" if parts.startswith("frequency_hz") else ""
-    if rising:
-        guess = f"'{rising[0]}' rises: write frequency_hz = \"{block.path(rising[0])}\" in [data.layout]"
+    keys = f'frequency_hz = "{block.path(rising[0])}"' if rising else _matrix_keys(block, name)
+    numbers_of = 'f_start_hz = "0", f_step_hz = "0.5" with the first line and the step in Hz'
     raise MeasurementError(
-        f"{block.where(name)}: found no frequency lines with it; expected a variable 'frequency_hz' (or "
-        f"'omega_rad_s'); {guess or 'add it, or name it in [data.layout]'}"
+        f"{block.where(name)}: found no frequency lines with it; expected a variable 'frequency_hz' or 'omega_rad_s'; "
+        f"write {keys or numbers_of} in [data.layout]"
     )
 
 
@@ -430,6 +427,8 @@ LAYOUT_KEYS = (*_AXES, *_DATA)
 _MOST_LISTED = 8
 #: Modes of a test; a longer array of frequencies is an axis.
 _MOST_MODES = 200
+#: Damping ratios of a list of modes stay below.
+_HIGHEST_RATIO = 0.3
 #: What structs that describe themselves hold, by words of their type.
 _KINDS = (("coherence", "coh"), ("spectrum", "spectr|psd|fft|power|cross"), ("frf", "frf|transfer|frequency ?response"))
 
@@ -452,6 +451,13 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
         If nothing is understood, or something may be read in two ways; naming what there is.
     """
     blocks = list(_blocks(tree, "", None, sign))
+    answers = {key: path for key, path in layout.items() if key in ("phase_deg", "phase_rad")}
+    if answers and not {*layout} & ({*_DATA} - {*answers}):  # alone they say the unit of the phases, and nothing else
+        for key, path in answers.items():
+            holder, name = _holders(blocks, key, path)[0]
+            if holder.meanings[name].role == "phase":
+                blocks = [_with_phase_unit(block, key.removeprefix("phase_")) for block in blocks]
+                layout = {other: path for other, path in layout.items() if other != key}
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in _records(block for block in used if block.named("coherence")):
@@ -493,6 +499,12 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
 
 
+def _with_phase_unit(block: Block, unit: str) -> Block:
+    """A block whose phases without a unit have this one."""
+    open_ = [name for name in block.named("phase") if not block.hints(name) & {"deg", "rad"}]
+    return replace(block, arrays={**block.arrays, **{f"{name}_unit": np.array(unit) for name in open_}})
+
+
 def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
     """Structs that describe themselves under our own names, in place of what is within them; the others as they are."""
     outer: str | None = None  # what is within a struct follows it
@@ -500,7 +512,7 @@ def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
         if outer is None or not block.place.startswith(outer):
             described = _expand(block)
             outer = None if described is None else block.place
-            yield from [block] if described is None else described
+            yield from _dewesoft(block) if described is None else described
 
 
 def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -516,7 +528,9 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
 # Siemens Test.Lab: `x_values` (`start_value`, `increment`, `number_of_values`, or `values` of uneven lines), `y_values`
 # (`values`, one column for each channel), `function_record` (`type`, `name`, channels); each axis has a `quantity` with
 # its `label`. Polytec's file access: `x`, `y` (one row for each point) and `usd`, their description. SEP 5 of SDyPy:
-# `data` of a channel with `name`, `unit_str`, and `fs` or `time`.
+# `data` of a channel with `name`, `unit_str`, and `fs` or `time`. DEWESoft's modal test:
+# `Data1_MT_FRF_H1_2Zplus_1Zplus_Ampl` and `_Phase`, `Data1_MT_Coherence_2Zplus_1Zplus`, each with its axis under
+# `Data1_X_`, and `Data1_MT_Ave_Count`.
 
 _SEP_5 = {"samples": "data", "channels": "name", "units": "unit_str", "sample_rate_hz": "fs", "time": "time"}
 
@@ -537,6 +551,48 @@ def _expand(block: Block) -> Iterator[Block] | None:
     if isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
         return _polytec(block)
     return None
+
+
+_DEWESOFT_DOF = r"(\d+R?[XYZ](?:plus|minus))"
+_DEWESOFT_FRF = re.compile(rf"(Data\d+_)(MT_FRF_(\w+?)_{_DEWESOFT_DOF}_{_DEWESOFT_DOF}_)(Ampl|Real|Re)")
+_DEWESOFT_PARTS = {"Ampl": "magnitude", "Phase": "phase", "Real": "real", "Re": "real", "Imag": "imaginary"}
+
+
+def _dewesoft(block: Block) -> Iterator[Block]:
+    """FRFs of DEWESoft's modal test, each as a block of our own names, and what else the block holds."""
+    arrays, used, estimators = block.arrays, set[str](), dict[tuple[str, ...], str]()
+    for match in filter(None, map(_DEWESOFT_FRF.fullmatch, arrays)):
+        data, stem, estimator, response, reference = match.groups()[:5]
+        names = {ours: f"{data}{stem}{theirs}" for theirs, ours in _DEWESOFT_PARTS.items()}
+        names |= {"frequency_hz": f"{data}X_{stem}{match[6]}", "averages": f"{data}MT_Ave_Count"}
+        names |= {"coherence": f"{data}MT_Coherence_{response}_{reference}"}
+        names = {
+            ours: name
+            for ours, name in names.items()
+            if name in arrays and (ours != "averages" or size_of(arrays[name]))
+        }
+        if "frequency_hz" not in names:
+            continue
+        if (other := estimators.setdefault((data, response, reference), estimator)) != estimator:
+            keys = {ours: name for ours, name in names.items() if ours not in ("averages", "phase")}
+            keys |= {"phase_rad": names["phase"]} if "phase" in names else {}
+            raise MeasurementError(
+                f"{block.where(match[0])}: found {other} and {estimator} of one FRF; expected one of them; write "
+                f"{_paste(block, **keys)} (phase_deg for degrees) in [data.layout]"
+            )
+        used |= {name for ours, name in names.items() if ours != "averages"}
+        used |= {name.replace(data, f"{data}X_") for name in used}
+        ends = (
+            re.sub(r"(R?[XYZ])(plus|minus)", lambda m: f":{m[1]}{'+' if m[2] == 'plus' else '-'}", dof)
+            for dof in (response, reference)
+        )
+        labels = dict(zip(("outputs", "inputs"), map(np.array, ends), strict=True))
+        unit = {"phase_unit": np.array(block.unit_of(names["phase"]))} if "phase" in names else {}
+        yield Block(
+            {ours: arrays[name] for ours, name in names.items()} | labels | unit,
+            written={ours: block.place + name for ours, name in names.items()},
+        )
+    yield replace(block, arrays={name: value for name, value in arrays.items() if name not in used}) if used else block
 
 
 def _struct(block: Block, key: str) -> Block:
@@ -679,7 +735,10 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
                 )
             mapped[key], written[key] = _value(held, key, path)
         kept = {n: v for n, v in block.arrays.items() if is_text(v) or block.meanings[n].role not in dropped}
-        kept = {n: v for n, v in kept.items() if n.lower() not in taken}
+        used = {
+            name for key, path in layout.items() for holder, name in places[key] if holder is block and path[-1] != ")"
+        }
+        kept = {n: v for n, v in kept.items() if n.lower() not in taken and n not in used}
         named.append(Block(mapped | kept, block.place, block.outer, written))
     return named
 
@@ -701,7 +760,7 @@ def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]
     raise MeasurementError(f"[data.layout] {key}: found no variable '{path[:60]}'; expected one of {listed}; {remedy}")
 
 
-_COLUMN = re.compile(r"\((?:(?P<row>\d{1,6}), *:|:, *(?P<column>\d{1,6}))\)$")
+_COLUMN = re.compile(r"\((?:(?P<row>\d{1,6}(?::\d{1,6})?), *:|:, *(?P<column>\d{1,6}(?::\d{1,6})?))\)$")
 
 
 def _number(text: str) -> float | None:
@@ -717,65 +776,127 @@ def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
     value, match, where = block.get(name), _COLUMN.search(path), f"{block.place}{name}"
     if match is None:
         return value, where
-    axis, index = (0, int(match["row"])) if match["row"] else (1, int(match["column"]))
+    axis, (first, _, last) = (0 if match["row"] else 1), (match["row"] or match["column"]).partition(":")
     array = block.numbers(name, np.complex128 if np.iscomplexobj(value) else np.float64)
-    if array.ndim != 2 or not 1 <= index <= array.shape[axis]:
+    if array.ndim != 2 or not 1 <= int(first) <= int(last or first) <= array.shape[axis]:
         raise MeasurementError(
             f"[data.layout] {key}: found {path!r} of an array of shape {array.shape}; expected a column or row of it, "
-            "counted from 1; correct the number"
+            "or several as 2:4, counted from 1; correct the number"
         )
-    return np.take(array, index - 1, axis), path
+    part = np.take(array, np.arange(int(first) - 1, int(last or first)), axis)
+    part = part.T if axis == 0 else part
+    return part if last else part[:, 0], path
 
 
 # ---- what is not understood
 
 
 def _not_understood(blocks: list[Block]) -> str:
-    """All arrays by name, shape and type with the nearest guess, as far as there is room."""
+    """All arrays by name, shape and type, as far as there is room, and the keys to paste."""
     entries = [(b, n, v) for b in blocks for n, v in b.arrays.items() if size_of(v) or isinstance(v, Unread)]
     entries.sort(key=lambda entry: -min(size_of(entry[2]), 2))
-    listed = ", ".join(f"'{(b.place + n)[-60:]}' ({_guess(b, n, v)})" for b, n, v in entries[:_MOST_LISTED])
+    listed = ", ".join(f"'{(b.place + n)[-60:]}' ({_described(b, n, v)})" for b, n, v in entries[:_MOST_LISTED])
     more = f" and {len(entries) - _MOST_LISTED} more" if len(entries) > _MOST_LISTED else ""
+    keys = next(filter(None, map(_keys_of_shapes, blocks)), "")
+    said = f"write {keys} in [data.layout]" if keys else 'say in [data.layout] which is which, as frequency_hz = "name"'
     return (
-        f"content: found neither FRFs nor time histories in {listed or 'texts alone'}{more}; expected variables such "
-        "as 'frequency_hz' and 'frf'; say in [data.layout] (or inspect --layout KEY=NAME) which is which, as "
-        f'frequency_hz = "name"{_modes_hint(blocks)}'
+        f"content: found neither FRFs nor time histories in {listed or 'texts alone'}{more}; expected arrays of known "
+        f"names, such as 'frequency_hz' and 'frf' or 'time' and 'force'; {said} (or inspect --layout KEY=NAME)"
     )
 
 
-def _modes_hint(blocks: list[Block]) -> str:
-    """Keys for modes, where as many other numbers stand with a short array of frequencies."""
-    for block in blocks:
-        sizes = {n: size_of(v) for n, v in block.arrays.items() if not re.search("(?i)omega|loss", n)}
-        short = [name for name, size in sizes.items() if 1 < size < _MOST_MODES]
-        for name in (name for name in short if rises(block.get(name))):
-            same = [n for n in short if n != name and sizes[n] == sizes[name]]
-            if len(same) == 1:
-                frequencies, ratios, shapes = (key for key, _ in _MODES.values())
-                said = f'{frequencies} = "{block.path(name)}", {ratios} = "{block.path(same[0])}"'
-                return f", or of modes {said}, and {shapes}"
-    return ""
-
-
-def _guess(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
-    """Shape and type of an array, and what it may be."""
+def _described(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
+    """Shape and type of an array, and what is missing of a pair."""
     if isinstance(value, Unread):
         return value.what
     first = value[0] if isinstance(value, list) else value
     shape = f"{len(value)} cells" if isinstance(value, list) else " x ".join(map(str, first.shape)) or "1"
     kind = {"c": "complex", "i": "whole", "u": "whole"}.get(getattr(first, "dtype", np.dtype(float)).kind, "real")
     role = block.meanings[name].role
-    aliases = [alias for aliases in ALIASES.values() for alias in aliases if len(alias) > 3]
-    near = difflib.get_close_matches(name.lower()[:40], aliases, 1, 0.75)
-    for token in tokens_of(name[:80])[:5]:
-        near += difflib.get_close_matches(token, aliases, 1, 0.8)
-    if near and not role:
-        return f"{shape} {kind}, did you mean '{near[0]}'?"
-    if role in ("magnitude", "phase", "real", "imaginary"):
-        return f"{shape} {kind}, {role}: the other part is missing"
-    if block.is_two_sided(name):
-        return f"{shape} {kind}, a two-sided axis: frequency_hz?"
-    if parts := columns_of_parts(value, block.path(name)):
-        return f"{shape} {kind}: {parts}?"
-    guess = ", frf?" if kind == "complex" else ", frequency_hz or time?" if rises(value) else ""
-    return f"{shape} {kind}{guess}"
+    return f"{shape} {kind}" + (f", {role}: the other part is missing" if role in _PARTS else "")
+
+
+_PARTS = ("magnitude", "phase", "real", "imaginary")
+_RATE = 'sample_rate_hz = "1024" with your own rate in Hz'
+
+
+def _paste(block: Block, **names: str) -> str:
+    """Keys of a layout with the arrays that they name; with an FRF its coherence, because nothing else is read then."""
+    coherences = block.named("coherence") if {"frf", "real", "magnitude", "magnitude_db"} & {*names} else []
+    names |= {"coherence": coherences[0]} if len(coherences) == 1 else {}
+    return ", ".join(f'{key} = "{block.path(name)}"' for key, name in names.items())
+
+
+def _axis_kind(axis: NDArray[Any]) -> str:
+    """What an axis may be of: time in even steps below 0.01, frequency in steps of 0.1 and more; else empty."""
+    steps = np.diff(axis.astype(float).ravel())
+    even = np.ptp(steps) < 0.5 * steps.mean()
+    return "time" if even and steps.mean() < 0.01 else "frequency" if steps.mean() >= 0.1 or not even else ""
+
+
+def _matrix_keys(block: Block, name: str) -> str:
+    """Keys for a matrix of an axis and what stands over it, of parts, or of channels; empty for another array."""
+    value = block.get(name)
+    if size_of(value) < 8 or not isinstance(value, np.ndarray) or value.ndim != 2 or min(value.shape) < 2:
+        return ""
+    upright = value.shape[0] >= value.shape[1]
+    columns, form = (value, "{}(:,{})") if upright else (value.T, "{}({},:)")
+    count, first = columns.shape[1], columns[:, 0]
+
+    def paste(*keys: str, start: int = 1) -> str:
+        numbers_ = [str(i) for i in range(start, start + len(keys))]
+        if keys[-1] in ("samples", "frf"):  # all that are left
+            numbers_[-1] = f"{start + len(keys) - 1}:{count}" if start + len(keys) - 1 < count else numbers_[-1]
+        return _paste(block, **{key: form.format(name, i) for key, i in zip(keys, numbers_, strict=True)})
+
+    if is_complex(value):
+        return paste("frequency_hz", "frf") if rises(first.real) and not first.imag.any() else ""
+    if rises(first):
+        kind, known_frf = _axis_kind(first), block.meanings[name].role == "frf"
+        over_time = paste("time", *{2: ("response",), 3: ("force", "response")}.get(count, ("samples",)))
+        parts = (
+            f"{paste('frequency_hz', 'real', 'imaginary')}, or magnitude with phase_deg or phase_rad"
+            if count > 2
+            else ""
+        )
+        if kind == "time" and not known_frf:
+            return over_time
+        either = parts if known_frf or kind == "frequency" else f"{over_time}; or {parts}" if parts else over_time
+        return either or f"{paste('frequency_hz')}, and export the phase as well"
+    on_lines = _axes(block, columns.shape) or {block.scalar("f_step"), block.scalar("f_start")} != {None}
+    if count == 2 and (on_lines or block.meanings[name].role == "frf"):
+        return paste("real", "imaginary")
+    rate = {block.scalar("rate"), block.scalar("interval")} != {None}
+    return _paste(block, samples=name) + ("" if rate else f", {_RATE}") if upright and count < 100 else ""
+
+
+def _keys_of_shapes(block: Block) -> str:
+    """Keys for the arrays of a block whose names say nothing, by their shapes alone; empty where these say nothing."""
+    arrays = {n: v for n, v in block.arrays.items() if isinstance(v, np.ndarray) and size_of(v) > 1}
+    role_of = {name: block.meanings[name].role for name in arrays}
+    axes = [n for n, v in arrays.items() if v.size == max(v.shape) and (rises(v) or block.is_two_sided(n))]
+    for axis in axes:
+        size, same = arrays[axis].size, [n for n, v in arrays.items() if n != axis and arrays[axis].size in v.shape]
+        unknown = [n for n in same if role_of[n] in ("", "signal", "meta") and arrays[n].ndim < 3]
+        real = [n for n in unknown if arrays[n].size == size and not is_complex(arrays[n])]
+        ratios = [n for n in real if size < _MOST_MODES and 0 < arrays[n].min() <= arrays[n].max() < _HIGHEST_RATIO]
+        if len(ratios) == 1 and not re.search("(?i)omega|loss", ratios[0]):
+            shapes = [n for n in same if arrays[n].size > size and arrays[n].ndim < 3]
+            more = {"mode_shapes": shapes[0]} if shapes else {}
+            return _paste(block, mode_frequencies_hz=axis, damping_ratios=ratios[0], **more)
+        if over_lines := [n for n in unknown if is_complex(arrays[n])]:
+            return _paste(block, frequency_hz=axis, frf=over_lines[0])
+        if not role_of[axis] and {role_of[n] for n in same} & {"frf", "coherence", "spectrum", *_PARTS}:
+            return _paste(block, frequency_hz=axis)
+        kind = "frequency" if block.is_two_sided(axis) or role_of[axis] == "frequency" else _axis_kind(arrays[axis])
+        if unknown and kind != "frequency":
+            return _paste(block, time=axis)  # all arrays of this length are then histories under their own names
+        if len(real) > 1:
+            keys = _paste(block, frequency_hz=axis, real=real[0], imaginary=real[1])
+            return f"{keys}, or magnitude with phase_deg or phase_rad"
+    for name, value in arrays.items():
+        if keys := _matrix_keys(block, name):
+            return keys
+        if value.size == max(value.shape) > _MOST_MODES and role_of[name] in ("", "signal") and not is_complex(value):
+            return f"{_paste(block, response=name)}, {_RATE}"
+    return ""

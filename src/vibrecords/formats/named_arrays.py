@@ -509,7 +509,8 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
         count = size_of(block.get(axes[0]))
         raise MeasurementError(f"{where}: found {count} instants; expected {samples}, one for each; correct it")
     elif not rates:
-        missing = "found no sampling rate; expected 'sample_rate_hz' or 'time'; add it"
+        missing = "found no sampling rate; expected 'sample_rate_hz' or 'time'; write in [data.layout] "
+        missing += 'sample_rate_hz = "1024" with your own rate in Hz'
         raise MeasurementError(f"{block.where(name)}: {missing}")
     if not max(rates) / min(rates) - 1 < 1e-2:
         raise MeasurementError(

@@ -246,6 +246,18 @@ def _readings(label: str, reference_label: str) -> set[Unit]:
     return {u if u.powers[1] or u.powers[3] or reference is None else u.times(reference, -1) for u in units}
 
 
+def is_force_over_motion(label: str) -> bool:
+    """Whether a unit is that of dynamic stiffness, impedance or apparent mass.
+
+    Examples
+    --------
+    >>> is_force_over_motion("N/mm"), is_force_over_motion("kg"), is_force_over_motion("m/N")
+    (True, True, False)
+    """
+    unit = parse_unit(label)
+    return unit is not None and unit.powers[:2] == (0, 1) and unit.powers[2] in (0, -1, -2) and unit.powers[3] == 0
+
+
 def read_frf_unit(label: str, reference_label: str = "") -> tuple[float | None, Quantity | None, list[str]]:
     """Factor to SI, quantity where the unit of an FRF says it, and notes on what becomes of the values.
 

@@ -8,7 +8,7 @@ import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, ComplexArray, Flags, Quantity
 from vibrecords.driven import BAD, GOOD, RISE
-from vibrecords.formats.units import frf_unit
+from vibrecords.formats.units import frf_unit, is_force_over_motion
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
 from vibrecords.warnings.clear_frf import ClearFrf, Resonance, usable
@@ -156,6 +156,11 @@ def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
 def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if record.quantity is None:
         yield warn("quantity_missing", "neither unit nor type says whether it is receptance, mobility or accelerance")
+    if is_force_over_motion(record.unit):
+        yield warn(
+            "unit_inverse", f"the unit {record.unit} is that of a force over a motion: its peaks are antiresonances"
+        )
+        return
     yield from warnings_of_notes(record.notes)
     if not record.unit.strip():
         untold = "a single FRF cannot tell m/s² from g or m from mm"

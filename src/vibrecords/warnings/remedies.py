@@ -21,6 +21,7 @@ REMEDIES = {
     "quantity_units": "find out which is right and state the quantity",
     "unit_missing": "find out the unit of the sensor, and scale the channel by its gain if it is another",
     "unit_unknown": "state the units of response and force in [data.channels]; natural frequencies need none",
+    "unit_inverse": "export receptance, mobility or accelerance; no mode can be read from this one",
     "unit_system": "find out which is right, and scale the channel by its gain if it is the other",
     "sign_flip": 'turn the channel in the case file ("-11:y")',
     "g_against_ms2": "find out the unit of the accelerometer and give the channel the gain 9.80665",
