@@ -285,23 +285,55 @@ def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 8
         raise MeasurementError(f"{where}: found {part} that cannot be read ({reason}); expected {expected}") from None
 
 
+@np.errstate(all="ignore")  # a file may hold any number
 def even_rate(time: Array, where: str, told: float | None = None) -> float:
-    """Sampling rate in Hz of evenly spaced instants in s; that which is told where these are it but for rounding.
+    """Return the sampling rate in Hz of evenly spaced instants in s, or the one told where it fits them.
+
+    1. Steps that are even to 1 % give the rate.
+    2. Otherwise the instants may be rounded: they lie on a straight line, but for half of the last digit that the file
+       prints, and but for a quarter of a step at most.
 
     Raises
     ------
     MeasurementError
-        If there are fewer than two, or they are not evenly spaced to 1 % of a step.
+        If there are fewer than two instants, or they are not evenly spaced: with the largest gap.
     """
-    if time.size >= 2 and np.isfinite(time).all():
-        with np.errstate(all="ignore"):
-            step = (time[-1] - time[0]) / (time.size - 1)
-            uneven = np.abs(np.diff(time) / step - 1).max()
-        if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ and uneven < 0.01:
-            return told if told is not None and abs(told * step - 1) < 1e-3 else float(1 / step)
+    if time.size < 2 or not np.isfinite(time).all():
+        raise MeasurementError(
+            f"{where}: found fewer than two instants, or one that is no number; expected a column of time; correct it"
+        )
+    steps, count = np.diff(time), np.arange(time.size)
+    step = (time[-1] - time[0]) / (time.size - 1)
+    fits = told is not None and abs(told * step - 1) < 1e-3
+    if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ:
+        if np.abs(steps / step - 1).max() < 0.01:
+            return told if told is not None and fits else float(1 / step)
+        bound = np.minimum(_half_a_digit(time) * (1 + 4 / np.sqrt(time.size)), step / 4)  # the line itself is fitted
+        line = np.polyfit(count, time, 1, w=1 / np.maximum(bound, 1e-9 * step))[0] if time.size > 2 else step
+        for rate in (told if fits else None, float(np.rint(1 / line)), float(1 / line)):
+            if rate and (time - count / rate - bound).max() <= (time - count / rate + bound).min():  # one start for all
+                return rate
+    usual, widest = float(np.median(steps)), int(np.argmax(np.abs(steps - np.median(steps))))
+    gap = f"a step of {steps[widest]:.4g} s behind {time[widest]:.6g} s, where most are {usual:.4g} s"
     raise MeasurementError(
-        f"{where}: found instants that are not evenly spaced, or fewer than two; expected one sampling rate; resample"
+        f"{where}: found instants that are not evenly spaced: {gap}; expected one sampling rate; cut the record there, "
+        "or resample it"
     )
+
+
+def _half_a_digit(values: Array) -> Array:
+    """Half of the last digit that each value was printed with, by decimals or by significant digits; 0 where full."""
+    largest = np.abs(values).max()
+    decimals = next((d for d in range(13) if _whole(values * 10.0**d) and largest * 10.0**d < 1e12), None)
+    exponent = np.floor(np.log10(np.where(values == 0, 1, np.abs(values))))
+    digits = next((d for d in range(1, 13) if _whole(values * 10.0 ** (d - 1 - exponent))), None)
+    by_decimals = 0.0 if decimals is None else 0.5 * 10.0**-decimals
+    by_digits = 0.0 if digits is None else 0.5 * 10.0 ** (exponent - digits + 1)
+    return np.maximum(by_decimals, by_digits) + np.zeros(values.shape)
+
+
+def _whole(values: Array) -> bool:
+    return bool((np.abs(values - np.rint(values)) < 1e-3).all())
 
 
 @dataclass(frozen=True, slots=True)

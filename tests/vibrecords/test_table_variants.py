@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.vibrecords.reading import records_of
+from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf
 from vibrecords.records import FrfRecord, SpectrumRecord
 
@@ -139,3 +140,79 @@ def test_channels_whose_names_look_like_estimates_stay_two(tmp_path):
     first, second = ends(tmp_path, table(names, *RE_IM, other.real, other.imag))[0]
     np.testing.assert_allclose([first.values, second.values], [H, other], rtol=1e-9)
     assert [first.response, second.response] == ["H1", "H2"]
+
+
+# ---- instants as they are printed: rate, digits, and what is told in the header
+
+RNG = np.random.default_rng(52)
+SAMPLES = RNG.normal(size=1024)
+
+
+def decimals(count):
+    return lambda t: f"{t:.{count}f}"
+
+
+def digits(count):
+    return lambda t: f"{t:.{count}g}"
+
+
+INSTANTS = {
+    **{f"{rate:g} Hz, {n} decimals": (rate, decimals(n)) for rate, n in (
+        (51200, 6), (51200, 7), (25600, 6), (12800, 5), (10000, 4), (8192, 5), (4096, 4), (2048, 4), (1024, 4),
+        (1000, 3), (400, 3), (51200, 9), (44100, 6), (48000, 6))},
+    **{f"{rate:g} Hz, {n} digits": (rate, digits(n)) for rate, n in (
+        (51200, 6), (51200, 7), (25600, 6), (10000, 6), (4096, 5), (2048, 5), (1024, 5), (51200, 8),
+        (44100, 7), (1000, 4))},
+    **{f"{rate:g} Hz, {n} decimals, comma": (rate, lambda t, n=n: f"{t:.{n}f}".replace(".", ",")) for rate, n in (
+        (51200, 6), (4096, 5), (10240, 5))},
+    **{f"{rate:g} Hz in ms, {n} decimals": (rate, lambda t, n=n: f"{1e3 * t:.{n}f}") for rate, n in (
+        (51200, 3), (2560, 1), (4096, 2))},
+}  # fmt: skip
+UNEVEN = {
+    "one sample is missing": (lambda t: np.delete(t, 500), decimals(6), "a step of 0.000391 s behind 0.0974[0-9]* s"),
+    "a gap of a second": (lambda t: t + (t > 0.1), decimals(6), "a step of 1 s behind 0.1 s"),
+    "jitter beyond the digits": (lambda t: t + 3e-5 * np.sin(np.arange(t.size)), decimals(6), "where most are"),
+    "two rates": (lambda t: np.where(t > 0.1, 2 * t - 0.1, t), decimals(6), "a step of 0.000391 s"),
+    "digits too few for the rate": (lambda t: t, decimals(4), "where most are 0.0002 s"),
+    "a step back": (lambda t: np.where(np.arange(t.size) == 300, 0, t), decimals(6), "a step of 0.05879 s behind 0 s"),
+    "full digits, uneven": (lambda t: t * (1 + t), digits(17), "where most are 0.00023"),
+}
+
+
+def records_at(folder, instants, write, header):
+    between = ";" if "," in write(0.5) else ","
+    text = "".join(f"{write(t)}{between}{x:.6g}\n".replace(".", "," if between == ";" else ".")
+        for t, x in zip(instants, SAMPLES, strict=False))  # fmt: skip
+    return records_of(folder / "a.csv", f"{header}{between}Force [N]\n{text}")
+
+
+@pytest.mark.parametrize("name", INSTANTS)
+@pytest.mark.parametrize("start", [0.0, -0.05])
+def test_rounded_instants(tmp_path, name, start):
+    rate, write = INSTANTS[name]
+    instants = start + np.arange(SAMPLES.size) / rate
+    (record,) = records_at(tmp_path, instants, write, "Time [ms]" if "in ms" in name else "Time [s]")
+    assert record.sample_rate_hz == pytest.approx(rate, rel=2e-4)
+    np.testing.assert_allclose(record.values, SAMPLES, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_uneven_instants_are_refused_with_the_largest_gap(tmp_path, name):
+    bend, write, said = UNEVEN[name]
+    instants = bend(np.arange(SAMPLES.size) / 5120)
+    with pytest.raises(MeasurementError, match=f"not evenly spaced.*{said}.*expected one sampling rate"):
+        records_at(tmp_path, instants, write, "Time [s]")
+
+
+@pytest.mark.parametrize(("told", "rate"), [("1.953125E-5", 51200), ("0.00002", 51200), ("1.9531E-5", 51200)])
+def test_the_rate_of_a_labview_file_is_that_of_its_header_where_the_instants_lie_on_it(tmp_path, told, rate):
+    head = {"Channels": ["2"], "Samples": ["1024"] * 2, "Y_Unit_Label": ["N", "m/s^2"], "X_Dimension": ["Time"] * 2}
+    head |= {"X0": ["0.0"] * 2, "Delta_X": [told] * 2}
+    instants = [f"{n / rate:.6f}" for n in range(1024)]
+    rows = "".join(f"{t}\t{x:.6g}\t{-x:.6g}\n" for t, x in zip(instants, SAMPLES, strict=True))
+    fields = "".join("\t".join([key, *cells]) + "\n" for key, cells in head.items())
+    text = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\t\n\n"
+    text += f"{fields}***End_of_Header***\nX_Value\tForce\tAcceleration\tComment\n{rows}"
+    force, motion = records_of(tmp_path / "a.lvm", text)
+    assert force.sample_rate_hz == pytest.approx(rate, rel=1e-15 if told == "1.953125E-5" else 2e-5)
+    np.testing.assert_allclose(motion.values, -SAMPLES, rtol=1e-5)

@@ -184,7 +184,7 @@ BROKEN = {
     "uneven instants": (cut(TIME, "\n0.0009765625", "\n0.0012"), "instants that are not evenly spaced"),
     "an instant twice": ("t [s],F [N]\n0,1\n0,2\n0,3\n", "instants that are not evenly spaced"),
     "one instant": ("t [s],F [N]\n0,1\n", "fewer than two; expected one sampling rate"),
-    "time that is not finite": (cut(TIME, "\n0.0009765625", "\nnan"), "instants that are not evenly spaced"),
+    "time that is not finite": (cut(TIME, "\n0.0009765625", "\nnan"), "fewer than two instants, or one that is no number"),
     "a gap in an axis of a channel": ("Time [s],A,Time [s],B\n0,1,0,2\n1e-3,2,,\n2e-3,2,2e-3,2\n",
         "line 3: found an empty"),
     "a column before the first axis": (

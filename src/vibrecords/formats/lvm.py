@@ -184,6 +184,9 @@ def _table(
     for note in segment.each("notes", 1)[0].split(";"):
         key, _, value = note.partition(":")
         comments[key.strip().lower()] = value.strip()
+    step = float_of(next(filter(None, segment.each("delta_x", count)), "").replace(",", "."))
+    if step:
+        comments.setdefault("sample_rate_hz", repr(1 / step))
     return ColumnTable(columns, values, comments, notes, place, hit)
 
 
