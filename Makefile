@@ -103,12 +103,10 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.modal_test --responses 200 --lines 10000 --format npz
 	$(BIN)/python -m benchmarks.modal_fit
 	$(BIN)/python -m benchmarks.coherence
-	$(BIN)/python -m benchmarks.population
 	$(BIN)/python -m benchmarks.joint_damping
 	$(BIN)/python -m benchmarks.measured_body
 	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m benchmarks.killed
-	$(BIN)/python -m benchmarks.campaign
 	$(BIN)/python -m tests.fuzz posterior --count 10000 --seed 2
 	$(BIN)/python -m tests.fuzz all --together 3600
 	JOINTBAYES_EXAMPLES=5000 $(BIN)/python -m pytest tests/test_public_domain.py

@@ -125,8 +125,8 @@ def report_of_case(path: Path, out: Path, seed: int, settings: SamplerSettings |
 
 def _posterior_of_case(path: Path, out: Path, seed: int) -> None:
     posterior = jb.sample(jb.load_case(path), seed=seed)
-    posterior.brief()
-    posterior.with_fewer_draws(4000).save(out.with_suffix(".nc"))
+    posterior.summary()
+    posterior.save(out.with_suffix(".nc"))
 
 
 def doubled(number: int) -> int:

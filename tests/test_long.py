@@ -58,8 +58,8 @@ def test_posteriors_one_after_the_other_leave_nothing_behind(tmp_path, monkeypat
 
     def work(seed):
         posterior = jb.sample(jb.case_from_text("cheap", text), seed=seed, settings=FEW_STEPS)
-        posterior.brief()
-        posterior.with_fewer_draws(1000).save(tmp_path / "posterior.nc")
+        posterior.summary()
+        posterior.save(tmp_path / "posterior.nc")
 
     grown = growth(list(watch(work, 30, 10, place, points=15)))
     # of thirty runs the allocator's habits are a larger share than of a thousand

@@ -22,7 +22,6 @@ _MOVED = {
         "jointbayes.joint": "ElasticCentre Joints Rigid",
         "jointbayes.posterior": "Knowledge OtherStructure PredictiveCheck gather_knowledge",
         "jointbayes.structure": "PointMass Rayleigh ViscousMatrix",
-        "jointbayes.studies.campaign.campaign_report": "write_campaign_report",
         "vibrecords": "mean_of_repeats iter_records write_records Inspection MeasuredMode MeasurementWarning FrfRecord "
         "TimeRecord find_warnings",
     }.items()

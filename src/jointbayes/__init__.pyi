@@ -69,8 +69,8 @@ from jointbayes.structure.imported import read_structure as read_structure
 from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
 from jointbayes.studies.calibration import Calibration as Calibration
 from jointbayes.studies.calibration import calibrate as calibrate
-from jointbayes.studies.campaign.campaign_run import Campaign as Campaign
-from jointbayes.studies.campaign.campaign_run import campaign as campaign
+from jointbayes.studies.campaign import Campaign as Campaign
+from jointbayes.studies.campaign import campaign as campaign
 from jointbayes.studies.compare import Comparison as Comparison
 from jointbayes.studies.compare import compare as compare
 from jointbayes.studies.planning.make_plan import plan as plan

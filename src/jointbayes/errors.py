@@ -150,3 +150,15 @@ def require_count(given: object, what: str, least: int = 1) -> None:
         If it is none.
     """
     require(given, Integral, what, f"a whole number, {least} or more; correct it", lambda count: count >= least)
+
+
+#: What earlier versions had and this one has not, with what to do instead: keys of a case file by table and key,
+#: commands by name, options as they are typed.
+WENT = {
+    "noise.discrepancy": "use [uncertain.model_error], an error of the model in each mode",
+    "noise.model_error": "use [uncertain.model_error], an error of the model in each mode",
+    "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
+    "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
+    "--draws": "leave it out: a campaign keeps all draws of each case",
+    "--again": "leave it out: a campaign tries all cases again that are not done",
+}

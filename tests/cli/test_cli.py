@@ -426,3 +426,12 @@ def test_an_assumed_joint_that_is_no_name_and_number_is_refused_in_one_line(stat
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert f"--assume: found '{stated}'; expected a quantity of the joint and its value, as in k11=1e9" in result.stderr
+
+
+@pytest.mark.parametrize(("line", "said"), [
+    ("campaign joints.csv --draws 400", "--draws: it was removed: leave it out"),
+    ("campaign joints.csv --again", "--again: it was removed: leave it out"),
+])  # fmt: skip
+def test_what_went_is_refused_by_what_to_do_instead(line, said):
+    result = cli(*line.split())
+    assert (result.exit_code, said in result.stderr) == (2, True), result.stderr

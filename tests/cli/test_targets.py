@@ -47,7 +47,7 @@ WORK = (
     "jointbayes.studies.compare.compare",
     "jointbayes.studies.planning.make_plan.sample",
     "jointbayes.studies.calibration._done",
-    "jointbayes.studies.campaign.campaign_run.run_cases",
+    "jointbayes.studies.campaign.run_cases",
 )
 
 

@@ -14,8 +14,7 @@ from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.sampling import Draws
 from jointbayes.studies.calibration import Calibration, build_calibration_report
-from jointbayes.studies.campaign.campaign_findings import examine_campaign
-from jointbayes.studies.campaign.campaign_report import build_campaign_report
+from jointbayes.studies.campaign import campaign_page
 from jointbayes.studies.compare import Comparison, WeighedModel, build_comparison_report
 from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.case_candidates import candidates_of
@@ -28,7 +27,7 @@ from jointbayes.studies.planning.plan_report import (
 )
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, of_case, shipped_text
-from tests.studies.campaign_directory import campaign_directory
+from tests.studies.test_campaign import row_of
 
 DATE = datetime.date(2026, 1, 5)
 UNCERTAIN = "\n[uncertain.youngs_modulus]\nsd_percent = 2.0\n\n[uncertain.length]\nsd_percent = 0.5\n"
@@ -101,9 +100,9 @@ def calibration(text=""):
     return build_calibration_report(Calibration(text or "cheap", text or "Clamp", 1, ("k11",), (*sets, *failed), text))
 
 
-def campaign(directory):
-    campaign_directory(directory, 12)
-    return build_campaign_report("campaign", examine_campaign(directory))
+def campaign(text="SN-7"):
+    rows = [row_of(serial=text), row_of(key="b", converged=False), row_of(key="c", status="failed", error=text)]
+    return campaign_page(f"campaign {text}", rows)
 
 
 @pytest.fixture(scope="session")
@@ -129,5 +128,5 @@ def nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory
         "comparison": comparison(),
         "plan": plan(cheap_case),
         "calibration": calibration(),
-        "campaign": campaign(tmp_path_factory.mktemp("campaign")),
+        "campaign": campaign(),
     }

@@ -1,6 +1,5 @@
 """Reports and figures whose every text field is hostile, in a real browser, and as PDF text."""
 
-import csv
 import dataclasses
 import re
 import shutil
@@ -12,13 +11,10 @@ import pytest
 import jointbayes as jb
 from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
-from jointbayes.studies.campaign.campaign_report import write_campaign_report
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
-from tests.report.conftest import calibration, comparison, plan
-from tests.studies.campaign_directory import campaign_directory, write_index
+from tests.report.conftest import calibration, campaign, comparison, plan
 from vibrecords import MeasuredFile
-from vibrecords.errors import printable
 from vibrecords.provenance import ChannelUse, MeasurementWarning, Provenance
 from vibrecords.records import FrfRecord
 
@@ -104,34 +100,12 @@ def test_a_hostile_pdf_shows_text_and_has_no_action(written):
     assert "root:x:0" not in text
 
 
-@pytest.mark.long
-def test_a_hostile_campaign_runs_nothing_and_asks_for_nothing(tmp_path):
-    with beacons() as (port, asked):
-        text = in_page(port).replace("\x00", "")
-        directory = tmp_path / "campaign **x** `y` <script>document.documentElement.id='pwned'<"
-        rows = campaign_directory(directory, 12)
-        for row in rows:
-            row |= {"serial": f"={text}", "reason": text, "error": text if row["error"] else None}
-        write_index(directory, rows)
-        write_campaign_report(directory)
-        page, said = opened(directory / "report.html", tmp_path)
-        assert 'id="pwned"' not in page
-        assert asked == []
-        assert said == ""
-        assert "{{7*7}}" in page
-        assert "\u202e" not in page
-        for figure in sorted((directory / "figures").glob("*.svg")):
-            assert "<script" not in figure.read_text(encoding="utf-8")
-    with (directory / "joints.csv").open(encoding="utf-8", newline="") as table:
-        serials = [row["serial"] for row in csv.DictReader(table)]
-    assert serials == [f"'={printable(text)}"] * 12
-
-
 def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
     with beacons() as (port, asked):
         text = in_page(port)
         for place, report in (
             ("compare", comparison(text)), ("calibrate", calibration(text)), ("plan", plan(cheap_case, text)),
+            ("campaign", campaign(text.replace("\x00", ""))),
         ):  # fmt: skip
             path = tmp_path / f"{place}.html"
             path.write_text(render_html(report), encoding="utf-8")

@@ -1,16 +1,40 @@
 """No case of a campaign is lost, done twice or changed when workers are killed while they work."""
 
+import os
+import signal
+from pathlib import Path
+
+import psutil
 import pytest
-from benchmarks.campaign import PARTS, run_part
+
+import jointbayes as jb
+from tests.conftest import CONFIGS
 
 pytestmark = [pytest.mark.science, pytest.mark.long]
+ROWS = "key,data.noise.seed,data.noise.relative,data.f_step_hz,sampling.walkers\n" + "".join(
+    f"c{i},{i},0.003,2,16\n" for i in range(6)
+)
 
 
 def test_killed_workers_lose_no_case_and_change_no_draw(tmp_path):
-    pytest.importorskip("distributed", reason="install jointbayes[cluster] for the test on Dask")
-    found = {part: run_part(part, tmp_path, 10, cases=3, cheap=True) for part in PARTS}
-    for part, counts in found.items():
-        assert (counts["done"], counts["lost"], counts["double"], counts["left_over"]) == (10, 0, 0, 0), part
-        assert counts["equal"] == counts["compared"] == 10, part
-    assert found["local"]["kills"] >= 3
-    assert found["dask"]["kills"] >= 3
+    table = tmp_path / "joints.csv"
+    table.write_text(ROWS, encoding="utf-8")
+    killed = []
+
+    def kill(now):
+        """Kill the oldest worker each time that two more cases are done."""
+        me = psutil.Process()
+        workers = [p for p in me.children(recursive=True) if p.ppid() != me.pid]
+        if now.done >= 2 * (len(killed) + 1) and now.figures["running"] and workers:
+            killed.append(min(workers, key=psutil.Process.create_time).pid)
+            os.kill(killed[-1], signal.SIGKILL)
+
+    base = CONFIGS / "clamped_beam.toml"
+    quiet = jb.campaign(table, tmp_path / "quiet", base=base, workers=1)
+    disturbed = jb.campaign(table, tmp_path / "disturbed", base=base, workers=2, progress=kill)
+    assert killed
+    assert (disturbed.index["status"] == "done").all()
+    assert disturbed.index["key"].tolist() == quiet.index["key"].tolist()
+    assert {path.name for path in Path(tmp_path / "disturbed" / "cases").iterdir()} == set(quiet.index["key"])
+    for key in quiet.index["key"]:
+        assert disturbed.posterior(key).theta.tobytes() == quiet.posterior(key).theta.tobytes()

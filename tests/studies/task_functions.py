@@ -1,16 +1,21 @@
 """Tasks for the tests of `run_tasks`: functions at the top of a module that workers can load."""
 
+import json
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
 import jointbayes as jb
-from vibrecords.files import whole_file
 
 
 def square(number):
     return number**2
+
+
+def has_module(name):
+    return name in sys.modules
 
 
 def slow_square(number, seconds):
@@ -73,19 +78,19 @@ def write_then_wait(number, directory):
         scratch.unlink()
 
 
-def pretend_case(work):
-    """In place of sampling: a file and a row from the seed alone; what a case does besides stands in its title."""
-    title = next(line for line in work.text.splitlines() if line.startswith("title = "))
-    tries = Path(work.file).parent.parent.parent / "tries"
+def pretend_case(key, text, _home, seed, target, _allow_outside, _full):
+    """In place of sampling: a run directory from the seed alone; what a case does besides stands in its title."""
+    title = next(line for line in text.splitlines() if line.startswith("title = "))
+    run = Path(target)
+    tries = run.parent.parent.parent / "tries"
     tries.mkdir(exist_ok=True)
-    (tries / f"{work.key}-{time.monotonic_ns()}").touch()
+    (tries / f"{key}-{time.monotonic_ns()}").touch()
     if "kill" in title:
         os.kill(os.getpid(), signal.SIGKILL)
     if "fail" in title and not (tries.parent / "mended").exists():
-        raise jb.SamplingError(f"{work.key}: found no start; expected one; correct the case")
-    with whole_file(work.file) as scratch:
-        scratch.write_text(f"{work.seed}")
-    return {
-        "seconds": 0.0, "converged": "far" not in title, "reason": "so", "explains": True, "misfit_p_value": 0.5,
-        "k11.unit": "N/m", "k11.median": 1.0 + work.seed, "k11.verdict": "identified",
-    }  # fmt: skip
+        raise jb.SamplingError(f"{key}: found no start; expected one; correct the case")
+    k22 = {"unit": "N·m/rad", "map": 1e6, "median": 1e6 + seed, "interval95": [9e5, 1.1e6], "verdict": "identified"}
+    summary = {"converged": "far" not in title, "reason": "so", "check": {"explains": "odd" not in title}}
+    run.mkdir(exist_ok=True)
+    (run / "summary.json").write_text(json.dumps(summary | {"parameters": {"k22": k22}}), encoding="utf-8")
+    return 0.5

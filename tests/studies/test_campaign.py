@@ -1,5 +1,7 @@
-import dataclasses
+import csv
 import datetime
+import io
+import json
 import os
 import shutil
 import subprocess
@@ -7,15 +9,22 @@ import sys
 import tomllib
 
 import numpy as np
-import pandas
 import pytest
 
 import jointbayes as jb
 from jointbayes.case.toml_text import toml_text
 from jointbayes.errors import WriteError
-from jointbayes.studies.campaign.campaign_run import CaseWork, case_seed, do_case, read_cases, run_cases
-from jointbayes.studies.campaign.index import INDEX, campaign_directory, kept_rows, write_index
-from jointbayes.studies.study_directory import append_line
+from jointbayes.report.model import Table
+from jointbayes.studies.campaign import (
+    INDEX,
+    campaign_directory,
+    campaign_page,
+    case_seed,
+    kept_rows,
+    read_cases,
+    run_cases,
+    write_index,
+)
 from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cli, without_stages
 from tests.one_line import refused, says
@@ -42,7 +51,7 @@ def pretend(tmp_path, text, **settings):
     directory = tmp_path / "out"
     with campaign_directory(directory):
         pass
-    settings = {"seed": 1, "draws": 4000, "again": False, "progress": lambda _: None, "workers": 2, **settings}
+    settings = {"seed": 1, "progress": lambda _: None, "workers": 2, **settings}
     run_cases(read_cases([table_of(tmp_path, text)], BASE), directory, do=pretend_case, **settings)
     return jb.Campaign(directory).index
 
@@ -67,14 +76,13 @@ class TestTable:
         assert (tomllib.loads(text), tomllib.loads(same.read()[0])) == (expected, tomllib.loads(BASE.read_text()))
 
     def test_key_serial_and_date_are_the_joints_own(self, tmp_path):
-        rows = "key;serial;date;data.truth.k11\na;SN 7;2026-03-31;5e9\n;SN-8;2026-03-31T14:05+02:00;6e9\n\n;;;7e9\n"
+        rows = "key;serial;date;data.truth.k11\na;SN 7;2026-03-31;5e9\n;SN-8;31.3.26, 14:05;6e9\n\n;;;7e9\n"
         found = read_cases([table_of(tmp_path, rows)], BASE)
-        assert [(c.key, c.serial, c.order) for c in found] == [
-            ("a", "SN 7", 0),
-            ("SN-8", "SN-8", 1),
-            ("00003", None, 2),
+        assert [(c.key, c.serial, c.date) for c in found] == [
+            ("a", "SN 7", "2026-03-31"),
+            ("SN-8", "SN-8", "31.3.26, 14:05"),
+            ("00003", "", ""),
         ]
-        assert found[1].date == datetime.datetime(2026, 3, 31, 12, 5)
         assert [c.where.rsplit(":", 1)[1] for c in found] == ["2", "3", "5"]
 
     def test_number_where_a_text_belongs_is_the_text(self, tmp_path):
@@ -150,42 +158,37 @@ ROWS = "key,serial,title\n" + "".join(
 class TestDriver:
     def test_each_case_has_one_row_and_those_that_fail_or_kill_are_named(self, tmp_path):
         index = pretend(tmp_path, ROWS)
-        assert (index["key"].tolist(), index["order"].tolist()) == ([f"c{i}" for i in range(7)], list(range(7)))
+        assert index["key"].tolist() == [f"c{i}" for i in range(7)]
         assert index["status"].tolist() == ["done", "done", "failed", "done", "killed its worker", "done", "done"]
         assert index["error"]["c2"] == "c2: found no start; expected one; correct the case"
         assert index["error"]["c4"] == "its worker ended by SIGKILL"
         assert index["attempts"].tolist() == [1, 1, 1, 1, 3, 1, 1]
         assert index["seed"].tolist() == [case_seed(1, f"c{i}") for i in range(7)]
-        assert index["k11.median"]["c0"] == 1.0 + case_seed(1, "c0")
-        assert np.isnan(index["k11.median"]["c2"])
+        assert (index["k22.median"]["c0"], index["k22.low95"]["c0"]) == (1e6 + case_seed(1, "c0"), 9e5)
+        assert np.isnan(index["k22.median"]["c2"])
         done = index[index["status"] == "done"]
-        assert sorted((tmp_path / "out" / "cases").iterdir()) == [tmp_path / "out" / f for f in done["file"]]
-        assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [".jointbayes", "cases", INDEX]
+        assert sorted(p.name for p in (tmp_path / "out" / "cases").iterdir()) == done["key"].tolist()
+        names = {".jointbayes", "cases", INDEX, "report.html", "report.pdf"}
+        assert {p.name for p in (tmp_path / "out").iterdir()} == names
 
-    def test_started_again_what_is_done_stays_and_what_failed_is_tried_once_more(self, tmp_path):
+    def test_started_again_what_is_done_stays_and_what_is_not_is_tried_again(self, tmp_path):
         pretend(tmp_path, ROWS)
-        before = (tmp_path / "out/cases/c0.nc").stat().st_mtime_ns
         (tmp_path / "mended").touch()
-        (
-            tmp_path / "out/cases/.c9.nc.0123abcd.jointbayes"
-        ).touch()  # as a worker leaves it that is killed while it writes
+        (tmp_path / "out/cases/.c9.0123abcd.jointbayes").touch()  # a worker that is killed while it writes leaves it
         index = pretend(tmp_path, ROWS)
         assert index["status"].tolist() == ["done"] * 4 + ["killed its worker"] + ["done"] * 2
-        assert (index["attempts"]["c2"], [tries(tmp_path, f"c{i}") for i in range(7)]) == (2, [1, 1, 2, 1, 3, 1, 1])
-        assert (tmp_path / "out/cases/c0.nc").stat().st_mtime_ns == before
+        assert [tries(tmp_path, f"c{i}") for i in range(7)] == [1, 1, 2, 1, 6, 1, 1]
         assert not list((tmp_path / "out/cases").glob(".*"))
-        pretend(tmp_path, ROWS, again=True)
-        assert tries(tmp_path, "c4") == 6
 
-    @pytest.mark.parametrize("change", ["row", "seed", "draws", "file"])
+    @pytest.mark.parametrize("change", ["row", "seed", "full", "directory"])
     def test_case_is_done_again_where_what_it_depends_on_has_changed(self, tmp_path, change):
         rows = "key,title\na,go\nb,go\n"
         pretend(tmp_path, rows)
-        if change == "file":
-            (tmp_path / "out/cases/a.nc").unlink()
-        settings = {"seed": 2} if change == "seed" else {"draws": 1000} if change == "draws" else {}
+        if change == "directory":
+            shutil.rmtree(tmp_path / "out/cases/a")
+        settings = {"seed": 2} if change == "seed" else {"full": True} if change == "full" else {}
         pretend(tmp_path, rows.replace("a,go", "a,went") if change == "row" else rows, **settings)
-        assert (tries(tmp_path, "a"), tries(tmp_path, "b")) == (2, (2 if change in ("seed", "draws") else 1))
+        assert (tries(tmp_path, "a"), tries(tmp_path, "b")) == (2, (2 if settings else 1))
 
     def test_serial_and_order_follow_the_table_without_sampling_again(self, tmp_path):
         pretend(tmp_path, "key,serial,title\na,1,go\nb,2,go\n")
@@ -199,26 +202,17 @@ class TestDriver:
         index = pretend(tmp_path, rows)
         file = tmp_path / "out" / INDEX
         lines = file.read_text().splitlines()
-        file.write_text("\n".join([lines[2], lines[0], lines[1], lines[3][:40]]))
-        assert kept_rows(tmp_path / "out").keys() == {"c0", "c1", "c2"}
-        assert pretend(tmp_path, rows).equals(index)
+        file.write_text("\n".join([lines[0], lines[3], lines[1], lines[2], lines[4][:10]]))
+        assert kept_rows(file).keys() == {"c0", "c1", "c2"}
+        again = pretend(tmp_path, rows)
+        assert again.equals(index)
         assert [tries(tmp_path, f"c{i}") for i in range(4)] == [1, 1, 1, 2]
-
-    def test_index_is_on_the_disk_row_by_row_and_in_the_order_of_the_table_at_the_end(self, tmp_path):
-        for i in range(5):
-            append_line(
-                tmp_path / INDEX, {"key": f"c{i}", "status": "done", "order": 4 - i, "x.median": float(i), "date": None}
-            )
-            assert list(kept_rows(tmp_path)) == [f"c{k}" for k in range(i + 1)]
-        write_index(tmp_path, kept_rows(tmp_path).values())
-        assert list(kept_rows(tmp_path)) == ["c4", "c3", "c2", "c1", "c0"]
 
     def test_interrupted_campaign_keeps_what_is_done(self, tmp_path):
         rows = "key,title\n" + "".join(f"c{i},go\n" for i in range(6))
 
         def stop(now):
-            if (tmp_path / "out" / INDEX).exists():
-                assert len(kept_rows(tmp_path / "out")) == now.done  # also where nothing after this is ever run
+            assert len(kept_rows(tmp_path / "out" / INDEX)) == now.done  # also if nothing after this ever runs
             if now.done == 3:
                 raise KeyboardInterrupt
 
@@ -235,9 +229,45 @@ class TestDriver:
         assert (seen[-1].total, seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 7, 2, 0)
         assert {now.figures["running"] for now in seen} == {0, 1, 2}
         assert str(seen[-1]).startswith("sampling: 7 of 7 cases, 2 failed, 0 running")
-        assert all(now.text.split(" failed, ")[0].isdigit() for now in seen)
         pretend(tmp_path, ROWS, progress=seen.append)
-        assert (seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 2, 6)
+        assert (seen[-1].done, seen[-1].figures["failed"], seen[-1].earlier) == (7, 2, 5)
+
+
+def row_of(**cells):
+    """A row of a case that is done, as the page gets it."""
+    row = {"key": "a", "serial": "", "status": "done", "error": "", "converged": True, "explains": True, "reason": ""}
+    for name, verdict in (("k11", "not identified"), ("k12", "bounded below"), ("k22", "identified")):
+        of = {"unit": "N/m", "low95": 2.21e7, "high95": 2.43e7, "limit95": 2.2e7, "verdict": verdict}
+        row |= {f"{name}.{column}": value for column, value in of.items()}
+    return row | cells
+
+
+class TestPage:
+    def test_each_joint_has_a_row_with_interval_limit_or_verdict_and_what_is_doubted(self):
+        rows = [row_of(), row_of(key="b", serial="SN 7", converged=False, explains=False)]
+        page = campaign_page("line-7", [*rows, row_of(key="c", status="failed", error="c: no file")])
+        callout, joints, lost = page.lead
+        assert callout.text == (
+            "**2 of 3 cases are done.** 1 did not converge. In 1 the model does not explain the data."
+        )
+        known = ("not identified", "above 22.0 MN/m (95 %)", "22.1 to 24.3 MN/m")
+        assert joints.rows == (
+            ("a", *known, ""),
+            ("b (SN 7)", *known, "not converged; the model does not explain the data"),
+        )
+        assert lost.rows == (("c", "failed", "c: no file"),)
+
+    def test_the_page_ends_where_a_reader_does_and_says_so(self):
+        page = campaign_page("x", [row_of(key=f"c{i}") for i in range(301)])
+        (joints,) = (block for block in page.lead if isinstance(block, Table))
+        assert len(joints.rows) == 300
+        assert "`index.csv` has all" in joints.note
+
+    def test_what_a_spreadsheet_would_compute_has_an_apostrophe(self, tmp_path):
+        texts = ["=1+1", "\uff1d1+1", " \uff20A1", "-2", "\u202e=1+1", "SN-7", "1 = 1"]
+        write_index(tmp_path / INDEX, [{"key": f"{i}", "serial": text} for i, text in enumerate(texts)])
+        rows = csv.DictReader(io.StringIO((tmp_path / INDEX).read_text(encoding="utf-8")))
+        assert [row["serial"] for row in rows] == [*(f"'{text}" for text in texts[:4]), "\\u202e=1+1", *texts[5:]]
 
 
 class TestDirectory:
@@ -258,7 +288,7 @@ class TestDirectory:
     @pytest.mark.skipif(sys.platform == "win32", reason="locks of POSIX")
     def test_one_process_at_a_time(self, tmp_path):
         program = (
-            "import sys; from jointbayes.studies.campaign.index import campaign_directory\n"
+            "import sys; from jointbayes.studies.campaign import campaign_directory\n"
             "with campaign_directory(sys.argv[1]): print('in', flush=True)"
         )
         with campaign_directory(tmp_path / "x"):
@@ -277,9 +307,9 @@ class TestDirectory:
         pretend(tmp_path, ROWS)
         done = jb.Campaign(tmp_path / "out")
         refused(lambda: done.posterior("x"), jb.MeasurementError, "found no case 'x'")
-        with pytest.raises(jb.MeasurementError, match="case 'c2': found that it failed: c2: found no start"):
+        with pytest.raises(jb.MeasurementError, match="found that case 'c2' failed: c2: found no start"):
             done.posterior("c2")
-        (tmp_path / "out" / INDEX).write_bytes(b"[1]\n")
+        (tmp_path / "out" / INDEX).write_bytes(b"a,b\n1,2\n")
         refused(lambda: pretend(tmp_path, ROWS), jb.MeasurementError, "found no index of a campaign in it")
 
 
@@ -294,31 +324,27 @@ SMALL = (
 def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
     table = table_of(tmp_path, SMALL)
     ended = cli(*["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")])
-    assert ended.exit_code == 0, ended.output  # two joints make no population
-    says(ended.stdout, "2 cases: 2 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.jsonl'}")
-    assert {"report.html", "report.pdf", "summary.json"} <= {file.name for file in (tmp_path / "out").iterdir()}
+    assert ended.exit_code == 0, ended.output
+    says(ended.stdout, "2 cases: 2 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.csv'}")
+    assert {"report.html", "report.pdf", "index.csv"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
     (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
     whole = jb.case_from_text("b", case.read()[0])
     alone = jb.sample(whole, seed=case_seed(1, "b"), settings=whole.sampler.for_one_of_many())
-    brief, row = alone.brief(), campaign.index.loc["b"]
-    assert {name: None if pandas.isna(row[name]) else row[name] for name in brief} == brief
+    row, k22 = campaign.index.loc["b"], alone.summary().to_json()["parameters"]["k22"]
+    assert (row["k22.median"], row["k22.verdict"]) == (k22["median"], k22["verdict"])
     kept = campaign.posterior("b")
-    assert np.array_equal(kept.theta, alone.with_fewer_draws(4000).theta)
+    assert np.array_equal(kept.theta, alone.theta)
     assert kept.record.case_name == "b"
+    assert json.loads((tmp_path / "out/cases/b/summary.json").read_text(encoding="utf-8"))["seed"] == case_seed(1, "b")
 
 
 @pytest.mark.whole
 def test_full_campaign_samples_as_long_as_a_run(tmp_path):
-    (case,) = read_cases([table_of(tmp_path, SMALL)], BASE)[:1]
-    whole = jb.case_from_text(case.key, case.read()[0])
-    few = CaseWork(case.key, whole.text, str(CONFIGS), 7, str(tmp_path / "few.nc"), 10**6)
-    full = dataclasses.replace(few, file=str(tmp_path / "full.nc"), full=True)
-    do_case(few)
-    do_case(full)
-    alone = jb.sample(whole, seed=7)
-    assert jb.load_posterior(full.file).theta.tobytes() == alone.theta.tobytes()
-    assert len(jb.load_posterior(few.file).theta) < len(alone.theta)
+    jb.campaign(table_of(tmp_path, SMALL[: SMALL.index("b,")]), tmp_path / "out", base=BASE, workers=1, full=True)
+    (case,) = read_cases([table_of(tmp_path, SMALL[: SMALL.index("b,")])], BASE)
+    alone = jb.sample(jb.case_from_text("a", case.read()[0]), seed=case_seed(1, "a"))
+    assert jb.Campaign(tmp_path / "out").posterior("a").theta.tobytes() == alone.theta.tobytes()
 
 
 def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(tmp_path):
@@ -338,19 +364,21 @@ FILES = ("tip.uff", "nose.uff", "back.uff", "K.npy", "M.npy", "C.npy")
 
 
 def test_a_change_in_any_file_that_a_case_names_makes_it_another_case(tmp_path):
-    (tmp_path / "case.toml").write_text(BODY_AND_MATRICES)
-    for name in FILES:
-        (tmp_path / name).write_text(name)
-    (case,) = read_cases([tmp_path / "case.toml"])
+    for home in (tmp_path, tmp_path / "elsewhere"):
+        home.mkdir(exist_ok=True)
+        (home / "case.toml").write_text(BODY_AND_MATRICES)
+        for name in FILES:
+            (home / name).write_text(name)
 
-    text, spec = case.read()
-    files = case.files(spec)
-    copies = [shutil.copy(file, tmp_path / f"copy of {file.name}") for file in files]
-    marks = [case.fingerprint(text, files)]
-    assert case.fingerprint(text, copies) == marks[0]  # by what they hold, wherever they are
+    def mark(home=tmp_path):
+        (case,) = read_cases([home / "case.toml"])
+        return case.work(1, False)[2]
+
+    marks = [mark()]
+    assert mark(tmp_path / "elsewhere") == marks[0]  # by what they hold, wherever they are
     for name in FILES:
         (tmp_path / name).write_text("changed")
-        marks.append(case.fingerprint(text, files))
+        marks.append(mark())
     assert len(set(marks)) == len(FILES) + 1
 
 
@@ -379,3 +407,20 @@ def test_measurement_files_elsewhere_are_refused_with_their_row_before_any_work(
     assert ended.exit_code == 1
     assert "1 cases: 0 done, 1 failed" in ended.stdout
     assert "leads out" not in ended.stdout
+
+
+def test_a_base_case_elsewhere_is_opened_only_if_asked(tmp_path):
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "other.toml").write_bytes(BASE.read_bytes())
+    table = table_of(tmp_path / "tables", "key,case\na,../other.toml\n")
+    refused(lambda: read_cases([table]), jb.CaseError, 'joints.csv:2: case: found "../other.toml", which leads out of')
+    (case,) = read_cases([table], allow_outside=True)
+    assert case.read()[1].structure.length_mm == 383.0
+
+
+def test_a_base_that_builds_on_another_reaches_the_worker_whole(tmp_path):
+    (tmp_path / "base.toml").write_bytes(BASE.read_bytes())
+    (tmp_path / "own.toml").write_text('extends = "base.toml"\n[structure]\nlength_mm = 380.0\n', encoding="utf-8")
+    (case,) = read_cases([table_of(tmp_path, "key,structure.elements\na,12\n")], tmp_path / "own.toml")
+    spec = jb.case_from_text("a", case.read()[0]).spec  # as the worker reads it
+    assert (spec.structure.length_mm, spec.structure.elements) == (380.0, 12)

@@ -43,7 +43,7 @@ def _here(tmp_path, monkeypatch):
       for command in ("calibrate", "compare", "plan", "campaign")),
 ])  # fmt: skip
 def test_bad_input_is_refused_in_one_line_before_anything_is_computed(line, said, tmp_path, monkeypatch):
-    for work in ("workflow.find_map", "workflow.sample", "studies.campaign.campaign_run.run_tasks",
+    for work in ("workflow.find_map", "workflow.sample", "studies.campaign.run_tasks",
                  "studies.calibration.run_tasks"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{work}", lambda *_, **__: pytest.fail("computed"))
     result = cli(*line.split())

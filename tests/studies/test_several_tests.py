@@ -8,9 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.posterior.prediction import simulated_values
-from jointbayes.studies.campaign.campaign_findings import OTHER_KIND, examine_campaign, read_draws
-from jointbayes.studies.campaign.campaign_run import read_cases
-from jointbayes.studies.campaign.index import DONE, read_index, write_index
+from jointbayes.studies.campaign import read_cases
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
 from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate
@@ -18,7 +16,7 @@ from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
-from tests.report.test_several_tests import HEARD, OWN, TORQUES, posterior_of
+from tests.report.test_several_tests import HEARD, OWN, TORQUES
 from tests.studies.test_calibration_simulation import require_no_score
 
 
@@ -135,10 +133,10 @@ def campaign(tmp_path, table, base=SEVERAL):
 
 @pytest.mark.long
 @pytest.mark.science
-def test_a_campaign_of_cases_with_tests_samples_each_as_by_itself_and_has_a_population(tmp_path):
+def test_a_campaign_of_cases_with_tests_samples_each_as_by_itself(tmp_path):
     columns = "key,data.truth.k22,data.noise.seed,tests.short.structure.length_mm"
     ended = campaign(tmp_path, f"{columns}\na,1.40e6,1,200\nb,1.45e6,2,201\nc,1.5e6,3,\n")
-    assert ended.exit_code in (0, 3), ended.output  # three joints may leave their population unconverged
+    assert ended.exit_code == 0, ended.output
     assert "3 cases: 3 done, 0 failed, 0 not converged" in ended.stdout
     done = jb.Campaign(tmp_path / "out")
     posterior = done.posterior("b")
@@ -149,10 +147,7 @@ def test_a_campaign_of_cases_with_tests_samples_each_as_by_itself_and_has_a_popu
         assert done.index.loc[key, "k22.low95"] < truth < done.index.loc[key, "k22.high95"]
     settings = posterior.case.sampler.for_one_of_many()
     again = jb.sample(posterior.case, seed=int(done.index.loc["b"]["seed"]), settings=settings)
-    assert again.brief()["k22.median"] == done.index.loc["b"]["k22.median"]
-    assert_array_equal(again.with_fewer_draws(4000).theta, posterior.theta)
-    findings = examine_campaign(tmp_path / "out")
-    assert (findings.left_out, findings.counts["in the population"]) == ({}, 3)
+    assert_array_equal(again.theta, posterior.theta)
 
 
 def test_a_fault_in_a_test_of_a_campaign_names_row_and_column(tmp_path):
@@ -166,21 +161,12 @@ def test_files_of_tests_make_a_campaigns_case_and_stay_inside(tmp_path):
     case_file = tmp_path / "case.toml"
     case_file.write_text(MEASURED_TESTS, encoding="utf-8")
     (case,) = read_cases([case_file])
-    _, spec = case.read()
-    assert [file.name for file in case.files(spec)].count("second.uff") == 1
+    before = case.work(1, False)
+    (tmp_path / "second.uff").write_text("other", encoding="utf-8")
+    assert case.work(1, False)[2] != before[2]
     case_file.write_text(MEASURED_TESTS.replace("second.uff", "../second.uff"), encoding="utf-8")
     with pytest.raises(jb.CaseError, match=r'tests.second.data.file: found "../second.uff", which leads out'):
         read_cases([case_file])
-
-
-@pytest.mark.whole
-def test_cases_whose_tests_have_joints_of_their_own_say_why_they_are_in_no_population(tmp_path):
-    for key, case in (("own", case_of(TORQUES, OWN)), ("shared", case_of(TORQUES))):
-        posterior_of(case).save(tmp_path / f"{key}.nc")
-    done = {"status": DONE, "converged": True, "order": 0}
-    write_index(tmp_path, [{"key": key, "file": f"{key}.nc", **done} for key in ("own", "shared")])
-    draws, left_out = read_draws(tmp_path, read_index(tmp_path))
-    assert ([row.key for row in draws.rows], left_out) == (["shared"], {"own": OTHER_KIND})
 
 
 def test_published_values_are_those_of_joints_that_tests_share():

@@ -34,7 +34,7 @@ from jointbayes.case.spec.fields import (
 from jointbayes.case.spec.prior_tables import JointSpec, joint_table, prior_table, quantity_table
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_value
-from jointbayes.errors import CaseError, similar
+from jointbayes.errors import WENT, CaseError, similar
 from jointbayes.joint.quantities import split_hypothesis
 
 #: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
@@ -54,12 +54,6 @@ _SYMBOLS = {
 #: Law and key of [structure.damping] for a symbol that stands in [structure].
 _OF_DAMPING = {"zeta": ("modal", "ratio"), "eta": ("loss_factor", "loss_factor")}
 _MIDDLES = ("mean", "median", "value", "nominal")
-#: Keys of earlier versions, and what to do about them.
-_OF_MODES = "use [uncertain.model_error], an error of the model in each mode"
-_REMOVED = {
-    **dict.fromkeys([("noise", "discrepancy"), ("noise", "model_error"), ("uncertain", "mode_frequencies")], _OF_MODES),
-    ("sampling", "processes"): "delete it, a run is one process (campaign and calibrate take --workers)",
-}
 #: Texts that mean one of the allowed ones.
 _SYNONYMS = {"hysteretic": "loss_factor", "structural": "loss_factor"}
 
@@ -247,8 +241,8 @@ def _elsewhere(place: _Place, root: type[BaseModel]) -> str:
         return "the noise of measured data is that of [data.variance]"
     if path[:-1] == ("joint",) and isinstance(place.value, Mapping):
         return f"one of several joints is a table [joints.{key}]"
-    if path in _REMOVED:
-        return f"it was removed: {_REMOVED[path]}"
+    if (instead := WENT.get(".".join(map(str, path)))) is not None:
+        return f"it was removed: {instead}"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
         return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
     if path[0] == "uncertain" and len(path) == 3 and key in _MIDDLES:

@@ -20,7 +20,7 @@ import click
 from jointbayes.cli import files, run, studies
 from jointbayes.cli.common import BAD_INPUT, FAULT_OF_THE_PROGRAM, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
 from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json, warn
-from jointbayes.errors import JointBayesError, ReportInterruptedError, TerminatedError
+from jointbayes.errors import WENT, JointBayesError, ReportInterruptedError, TerminatedError
 from vibrecords.errors import printable
 
 
@@ -41,6 +41,9 @@ def _well_behaved(*, json: bool) -> Iterator[None]:
         fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
         sys.exit(BAD_INPUT)
     except click.ClickException as error:
+        if isinstance(error, click.NoSuchOption) and error.option_name in WENT:
+            object.__setattr__(error, "possibilities", None)
+            object.__setattr__(error, "message", f"{error.option_name}: it was removed: {WENT[error.option_name]}")
         object.__setattr__(error, "message", printable(error.message))  # click says that it is final
         if json:
             context = click.get_current_context(silent=True)
@@ -80,6 +83,11 @@ class _Commands(click.Group):
             context = super().make_context(*args, **kwargs)
         context.meta["jointbayes.json"] = json
         return context
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name in WENT:
+            raise click.UsageError(f"{cmd_name}: it was removed: {WENT[cmd_name]}", ctx)
+        return super().get_command(ctx, cmd_name)
 
     def invoke(self, ctx: click.Context) -> None:
         code = 0

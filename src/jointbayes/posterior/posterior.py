@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -53,12 +53,8 @@ from jointbayes.posterior.storage import (
 )
 from jointbayes.posterior.summary import (
     STIFFNESS_HEAD,
-    NuisanceSummary,
-    StiffnessSummary,
     Summary,
-    nuisance_summary,
     stiffness_row,
-    stiffness_summary,
     summarise,
     value_rows,
 )
@@ -681,51 +677,6 @@ class Posterior:
         """
         return curve_of(self, name, probability)
 
-    def brief(self) -> dict[str, Cell]:
-        """One row of a table of many cases: fit, and estimate, interval and verdict of each quantity, by column.
-
-        The numbers are those of `summary`, which also predicts natural frequencies, diagnoses the misfit and sizes up
-        the chains, and takes twice as long.
-
-        Returns
-        -------
-        dict
-            ``seed``, ``converged``, ``reason``, ``explains``, ``misfit_p_value``; and for each stiffness and each other
-            uncertain quantity q ``q.unit``, ``q.map``, ``q.median``, ``q.low95``, ``q.high95``, ``q.sd_log``,
-            ``q.contraction``, and of a stiffness ``q.printed_low95``, ``q.printed_high95``, ``q.limit95``,
-            ``q.words`` and ``q.verdict``.
-        """
-        row: dict[str, Cell] = {
-            "seed": self.record.seed,
-            "converged": self.converged,
-            "reason": self.reason,
-            "explains": self.check.explains,
-            "misfit_p_value": self.check.misfit_p_value,
-        }
-        for index, name in enumerate(self.stiffness_names):
-            row |= _columns(name, stiffness_summary(self, index, name))
-        for index, nuisance in enumerate(self.problem.prior.nuisances):
-            row |= _columns(nuisance.name, nuisance_summary(self, index))
-        return row
-
-    def with_fewer_draws(self, most: int) -> Self:
-        """The same posterior with at most so many draws, for a small file: equally spaced ones of every walker.
-
-        Parameters
-        ----------
-        most
-            Draws at most; no fewer than four of each walker are kept.
-        """
-        require_count(most, "with_fewer_draws: found")
-        chains, draws = self.log_density.shape
-        every = max(1, -(-draws // max(4, most // chains)))
-        rows = {"posterior": every, "sample_stats": every, "prior": -(-self.prior_stiffness.shape[0] // most)}
-        groups = {
-            f"/{name}": group.to_dataset().isel(draw=slice(None, None, rows.get(name)), missing_dims="ignore")
-            for name, group in self.tree.children.items()
-        }
-        return replace(self, tree=xr.DataTree.from_dict(groups))
-
     def save(self, path: str | os.PathLike[str], knowledge: Knowledge | None = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.
 
@@ -759,21 +710,6 @@ class Posterior:
             theta = self.theta.reshape(*self.log_density.shape, -1)
             groups["log_prior"] = log_prior_of_joint(self.problem.prior, theta)
         write_tree(self.tree, groups, record.as_text(), path)
-
-
-def _columns(name: str, summary: StiffnessSummary | NuisanceSummary) -> dict[str, Cell]:
-    """Columns of one quantity; a number that is not finite is none."""
-    known = summary.known if isinstance(summary, StiffnessSummary) else summary
-    cells: dict[str, Cell] = {"unit": summary.unit, "map": summary.map, "median": known.median}
-    cells |= dict(zip(("low95", "high95"), known.interval95, strict=True))
-    if isinstance(known, Identifiability):
-        cells |= dict(zip(("printed_low95", "printed_high95"), known.printed95, strict=True))
-        cells |= {"limit95": known.printed_limit, "words": known.words}
-    cells |= {"sd_log": known.sd_log, "contraction": known.contraction, "verdict": getattr(known, "verdict", None)}
-    return {
-        f"{name}.{column}": None if isinstance(value, float) and not np.isfinite(value) else value
-        for column, value in cells.items()
-    }
 
 
 def _named(dataset: xr.Dataset, name: str) -> xr.DataArray:

@@ -1,1 +1,0 @@
-"""Campaigns: many cases, one file each, and what they say together."""
