@@ -57,7 +57,11 @@ def test_it_is_the_problem_of_its_matrices(home):
     np.save(home / "M.npy", model.mass.toarray())
     text = CASE.replace('kind = "imported"\nfile = "beam.npz"', f'kind = "matrices"\nstiffness = "K.npy"\n'
                         f'mass = "M.npy"\ndofs = {json.dumps(dofs)}')  # fmt: skip
-    text = text.replace("[structure.ports.tip]\nnode = 21\n", "").replace("tip:y", "21:y")
+    text = (
+        text.replace('length_unit = "m"\n', "")
+        .replace("[structure.ports.tip]\nnode = 21\n", "")
+        .replace("tip:y", "21:y")
+    )
     prior = "".join(f'[prior.{k}]\ndistribution = "log_uniform"\nlow = {low}\nhigh = {high}\n'
                     for k, low, high in (("k11", 1e5, 1e10), ("k12", 1e2, 1e8), ("k22", 1e3, 1e8)))  # fmt: skip
     (home / "matrices.toml").write_text(text + prior)

@@ -24,6 +24,7 @@ from jointbayes.case.spec.fields import (
     UNITS,
     Finding,
     KeyPath,
+    either,
     named_files,
     quoted,
     same_stem,
@@ -276,7 +277,9 @@ def _missing_wording(place: _Place) -> tuple[str, str, str]:
     if place.tables:
         return "missing table", expected, f"add a table [{show_key(place.path)}]"
     where = f"to [{show_key(table)}]" if table else "above the first table"
-    return "missing", expected, f"add {key} = {_example(info)} {where}"
+    words = [f'"{choice}"' for choice in _choices(info.annotation)] if info else []
+    example = either(words) if len(words) > 1 and get_origin(info and info.annotation) is Literal else _example(info)
+    return "missing", expected, f"add {key} = {example} {where}"
 
 
 def _value_wording(fault: _Fault) -> tuple[str, str, str]:

@@ -56,12 +56,14 @@ class StructureTarget(Target):
             file = Path(place) / f"{path.stem}.{word}"
             file.write_bytes(content)
             if word in _BESIDE:
-                jb.read_structure(self._right["mass"], **{"dofs": self._right["dofs"], _BESIDE[word]: file})
+                jb.read_structure(
+                    self._right["mass"], length_unit="m", **{"dofs": self._right["dofs"], _BESIDE[word]: file}
+                )
                 return
             try:
                 jb.read_structure(file, length_unit="in")
             except jb.ModelError:  # of a file of one matrix: with what it lacks
-                jb.read_structure(file, mass=file, dofs=self._right["dofs"])
+                jb.read_structure(file, mass=file, dofs=self._right["dofs"], length_unit="m")
 
     def message_fault(self, message: str, path: Path) -> str:
         """As for all targets; files have other endings, and faults of two files may name the one beside."""

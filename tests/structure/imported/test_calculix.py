@@ -66,7 +66,7 @@ def test_frequencies_are_those_that_calculix_finds(tmp_path, mm):
 
 
 def test_the_free_block_has_its_mass_and_its_surface(tmp_path):
-    model = jb.read_structure(run_calculix(tmp_path, "t", "*FREQUENCY, SOLVER=MATRIXSTORAGE"))
+    model = jb.read_structure(run_calculix(tmp_path, "t", "*FREQUENCY, SOLVER=MATRIXSTORAGE"), length_unit="m")
     assert [model.mass_along(way) for way in "xyz"] == pytest.approx([DENSITY * SIZE.prod()] * 3, rel=1e-9)
     assert (frequencies(model)[:6] < 1).all()
     a, b, c = CELLS
@@ -80,7 +80,7 @@ def test_calculix_and_scikit_fem_give_one_stiffness_and_mass(tmp_path):
     skfem = pytest.importorskip("skfem", reason="scikit-fem, the independent finite elements, is not installed")
     from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-    model = jb.read_structure(run_calculix(tmp_path, "t", "*FREQUENCY, SOLVER=MATRIXSTORAGE"))
+    model = jb.read_structure(run_calculix(tmp_path, "t", "*FREQUENCY, SOLVER=MATRIXSTORAGE"), length_unit="m")
     places, _ = mesh()
     block = skfem.MeshHex.init_tensor(*(np.linspace(0, s, n + 1) for s, n in zip(SIZE, CELLS, strict=True)))
     basis = skfem.Basis(block, skfem.ElementVector(skfem.ElementHex1()), intorder=2)
@@ -99,7 +99,7 @@ def test_calculix_and_scikit_fem_give_one_stiffness_and_mass(tmp_path):
     np.savez(tmp_path / "a.npz", K=k.toarray(), M=m.toarray(), dofs=dofs)
     io.savemat(tmp_path / "a.mat", {"K": sparse.triu(k).tocsc(), "M": m.tocsc(), "dofs": dofs})
     for name in ("a.npz", "a.mat"):
-        other = jb.read_structure(tmp_path / name)
+        other = jb.read_structure(tmp_path / name, length_unit="m")
         rows = [model.row(int(node), "xyz"[way - 1]) for node, way in dofs]
         for first, second in ((model.stiffness, other.stiffness), (model.mass, other.mass)):
             gap = abs(first.toarray()[np.ix_(rows, rows)] - second.toarray()).max() / abs(second).max()

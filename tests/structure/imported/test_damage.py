@@ -83,4 +83,6 @@ def test_counts_in_a_short_file_make_no_room(attempt, ending, content):
 def test_more_dofs_than_anything_solves(tmp_path):
     (tmp_path / "k.mtx").write_text("%%MatrixMarket matrix coordinate real symmetric\n3000001 3000001 1\n1 1 1.0\n")
     with pytest.raises(jb.ModelError, match=r"k.mtx, line 2: found the sizes '3000001 3000001 1'; expected rows"):
-        jb.read_structure(tmp_path / "k.mtx", mass=tmp_path / "k.mtx", dofs=small.write_map(tmp_path / "map.csv"))
+        jb.read_structure(
+            tmp_path / "k.mtx", mass=tmp_path / "k.mtx", dofs=small.write_map(tmp_path / "map.csv"), length_unit="m"
+        )

@@ -131,6 +131,7 @@ def test_a_case_runs_on_every_file_of_a_free_model_whose_places_it_does_not_know
 [structure]
 kind = "imported"
 file = "{path.name}"
+length_unit = "m"
 {files}damping = {{ law = "modal", ratio = 0.01 }}
 [joint]
 kind = "springs"
@@ -151,7 +152,7 @@ sd_relative = 0.005
 
 def test_npz_with_damping_and_places(tmp_path):
     np.savez(tmp_path / "a.npz", K=K, M=M, C=C, dofs=DOFS, nodes=NODES, xyz=PLACES)
-    model = jb.read_structure(tmp_path / "a.npz")
+    model = jb.read_structure(tmp_path / "a.npz", length_unit="m")
     small.require_same(model)
     assert model.nodes.tolist() == NODES.tolist()
     np.testing.assert_array_equal(model.damping.toarray(), C)
@@ -162,7 +163,7 @@ def test_a_sparse_matrix_in_a_file_of_its_own(tmp_path, form):
     for name, matrix in (("k", K), ("m", M)):
         sparse.save_npz(tmp_path / f"{name}.npz", sparse.coo_array(matrix).asformat(form))
     dofs, nodes = small.write_map(tmp_path / "map.csv"), small.write_places(tmp_path / "xyz.csv")
-    model = jb.read_structure(tmp_path / "k.npz", mass=tmp_path / "m.npz", dofs=dofs, nodes=nodes)
+    model = jb.read_structure(tmp_path / "k.npz", mass=tmp_path / "m.npz", dofs=dofs, nodes=nodes, length_unit="m")
     small.require_same(model)
     assert model.place(41).tolist() == PLACES[4].tolist()
 
@@ -171,7 +172,7 @@ def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):
     light = M.copy()
     light[DOFS[:, 1] > 3] = light[:, DOFS[:, 1] > 3] = 0  # masses without rotary inertia: M is semidefinite
     path = write_punch(tmp_path / "a.pch", KAAX=K, MAAX=light, TUGX=K)
-    model = jb.read_structure(path, nodes=path)
+    model = jb.read_structure(path, nodes=path, length_unit="m")
     assert np.array_equal(model.dofs, DOFS)
     np.testing.assert_array_equal(model.stiffness.toarray(), K)
     np.testing.assert_array_equal(model.mass.toarray(), light)
@@ -195,14 +196,6 @@ def test_calculix_files_found_beside_each_other(tmp_path, unit):
 
 def test_mass_of_rigid_motion(tmp_path):
     np.savez(tmp_path / "a.npz", K=K, M=M, dofs=DOFS)
-    model = jb.read_structure(tmp_path / "a.npz")
+    model = jb.read_structure(tmp_path / "a.npz", length_unit="m")
     expected = 7800 * 1e-4 * 0.45
     assert [model.mass_along(way) for way in "xyz"] == pytest.approx([expected] * 3, rel=1e-8)
-
-
-def test_inches(tmp_path):
-    inch, pound = 0.0254, 4.4482216152605
-    scale = np.where(DOFS[:, 1] <= 3, inch, 1.0)
-    k, m = (a * np.outer(scale, scale) / (inch * pound) for a in (K, M))
-    np.savez(tmp_path / "a.npz", K=k, M=m, dofs=DOFS, nodes=NODES, xyz=PLACES / inch)
-    small.require_same(jb.read_structure(tmp_path / "a.npz", length_unit="in"))

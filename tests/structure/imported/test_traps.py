@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from benchmarks.bricks import brick_model
 from scipy import sparse
 
 import jointbayes as jb
@@ -15,7 +16,7 @@ from tests.structure.imported.small_frame import DOFS, NODES, PLACES, K, M
 
 def refused(path, match, **further):
     with pytest.raises(jb.ModelError, match=match) as caught:
-        jb.read_structure(path, **further)
+        jb.read_structure(path, **{"length_unit": "m"} | further)
     text = str(caught.value)
     assert "\n" not in text
     assert "; expected " in text
@@ -41,7 +42,7 @@ def test_rows_of_1e36_are_supports(tmp_path):
     k = K.copy()
     k[:6] = k[:, :6] = 0  # node 3 clamped, as Abaqus writes it
     k[range(6), range(6)] = 1e36
-    model = jb.read_structure(abaqus(tmp_path, k))
+    model = jb.read_structure(abaqus(tmp_path, k), length_unit="m")
     assert model.dofs.tolist() == DOFS[6:].tolist()
     np.testing.assert_array_equal(model.stiffness.toarray(), K[6:, 6:])
     assert model.notes[0] == "6 DOFs with 1e36 on the diagonal of K are supports, and left out"
@@ -50,7 +51,7 @@ def test_rows_of_1e36_are_supports(tmp_path):
 def test_nodes_below_1_are_generalised_coordinates(tmp_path):
     dofs = DOFS.copy()
     dofs[dofs[:, 0] == 41, 0] = -2  # six of Abaqus's own
-    model = jb.read_structure(abaqus(tmp_path, dofs=dofs))
+    model = jb.read_structure(abaqus(tmp_path, dofs=dofs), length_unit="m")
     assert sorted(model.dofs[model.dofs[:, 0] < 0].tolist()) == [[-i, 0] for i in range(6, 0, -1)]
     np.testing.assert_allclose(small.frequencies(model), small.EXACT, rtol=1e-9)
 
@@ -205,7 +206,7 @@ def test_a_semidefinite_mass_of_minus_5e_minus_12_is_taken(tmp_path):
     m = M.copy()
     m[29, 29] = m[29, :29] = m[:29, 29] = 0
     m[29, 29] = -5e-12
-    model = jb.read_structure(npz(tmp_path, M=m))
+    model = jb.read_structure(npz(tmp_path, M=m), length_unit="m")
     np.testing.assert_array_equal(model.mass.toarray(), m)
 
 
@@ -213,7 +214,7 @@ def test_dofs_without_stiffness_and_mass_are_left_out(tmp_path):
     k, m = K.copy(), M.copy()
     for matrix in (k, m):
         matrix[[3, 9]] = matrix[:, [3, 9]] = 0  # rotations of a solid's nodes in the g-set
-    model = jb.read_structure(npz(tmp_path, K=k, M=m))
+    model = jb.read_structure(npz(tmp_path, K=k, M=m), length_unit="m")
     assert model.row(3, "rx") is None
     assert model.notes == ("2 DOFs without stiffness and mass are left out",)
 
@@ -255,7 +256,7 @@ def test_maps_and_coordinates_in_csv(tmp_path):
     good, places = small.write_map(tmp_path / "map.csv"), small.write_places(tmp_path / "xyz.csv")
     semicolons = tmp_path / "semi.csv"
     semicolons.write_text(good.read_text().replace(",", ";").replace("rx", "ROTX").replace(";x", ";1"))
-    small.require_same(jb.read_structure(k, mass=m, dofs=semicolons, nodes=places))
+    small.require_same(jb.read_structure(k, mass=m, dofs=semicolons, nodes=places, length_unit="m"))
     for path, text, match in (
         (places, "node,x,y,z\n3,0,0,inf\n", "xyz.csv, line 2: found 'inf'; expected a coordinate"),
         (places, "node,x,y,z\n3,0,0,0\n3,1,0,0\n", "xyz.csv: found node 3 2 times"),
@@ -282,7 +283,7 @@ def test_edges_of_the_surface_from_an_input_file(tmp_path):
     (tmp_path / "a.inp").write_text(INP)
     dofs = np.array([(node, way) for node in range(1, 14) for way in (1, 2, 3)])
     np.savez(tmp_path / "a.npz", K=np.eye(39), M=np.eye(39), dofs=dofs)
-    model = jb.read_structure(tmp_path / "a.npz", nodes=tmp_path / "a.inp")
+    model = jb.read_structure(tmp_path / "a.npz", nodes=tmp_path / "a.inp", length_unit="m")
     edges = set(map(tuple, model.edges.tolist()))
     assert len(edges) == 20 + 1  # two cubes on each other, and the beam; no spring
     assert {(9, 13), (5, 8), (1, 2)} <= edges
@@ -307,32 +308,54 @@ def test_damaged_input_files(tmp_path, old, new, match):
 # ---- units
 
 
-def test_a_model_in_mm_taken_for_m_and_the_other_way(tmp_path):
-    k, m = small.in_mm(K, M)
-    path = npz(tmp_path, K=k, M=m, nodes=NODES, xyz=1e3 * PLACES)
-    refused(path, r'found 0.000351 kg on 200 m in the unit \'m\'; expected .*; give length_unit="mm"')
-    small.require_same(jb.read_structure(path, length_unit="mm"))
-    text = refused(npz(tmp_path, nodes=NODES, xyz=PLACES), 'give length_unit="m"', length_unit="mm")
-    assert "351 kg on 0.0002 m" in text
+def test_a_unit_must_be_stated_and_be_one_of_four(tmp_path):
+    with pytest.raises(TypeError, match="length_unit"):
+        jb.read_structure(npz(tmp_path))
+    for unit in ("cm", "?", 1, None):
+        refused(npz(tmp_path), 'length_unit: found .*; expected one of "m", "mm", "in", "ft"', length_unit=unit)
 
 
-@pytest.mark.parametrize(("mass", "unit"), [(1e3, "m"), (1e9, "mm")])
-def test_mm_with_kg_or_g_is_refused(tmp_path, mass, unit):
-    k, m = small.in_mm(K, M)
-    path = npz(tmp_path, K=k, M=mass * m, nodes=NODES, xyz=1e3 * PLACES)
-    refused(path, "consistent units", length_unit=unit)
+#: Length in m and mass in kg of each unit: a slinch is one lbf s²/in, a slug one lbf s²/ft.
+UNITS = {"m": (1.0, 1.0), "mm": (1e-3, 1e3), "in": (0.0254, 175.12683524647636), "ft": (0.3048, 14.593902937206364)}
 
 
-def test_a_light_model_without_coordinates_is_doubted_in_a_note(tmp_path):
-    k, m = small.in_mm(K, M)
-    model = jb.read_structure(npz(tmp_path, K=k, M=m))
-    assert re.search("0.000351 kg: if the model is in mm, t, N, s, give length_unit='mm'", model.notes[0])
-    assert jb.read_structure(npz(tmp_path)).notes == ()
+def in_unit(unit, tmp_path, **more):
+    """The small frame in the files of another system of units."""
+    length, mass = UNITS[unit]
+    scale = np.where(DOFS[:, 1] <= 3, length, 1.0)
+    k, m = (a * np.outer(scale, scale) / (mass * length**2) for a in (K, M))
+    return npz(tmp_path, K=k, M=m, nodes=NODES, xyz=PLACES / length, **more)
 
 
-@pytest.mark.parametrize("unit", ["cm", 1, None])
-def test_units_that_nobody_knows(tmp_path, unit):
-    refused(npz(tmp_path), "length_unit: found .*; expected one of", length_unit=unit)
+@pytest.mark.parametrize("unit", UNITS)
+def test_each_unit_gives_the_same_model_in_si(tmp_path, unit):
+    model = jb.read_structure(in_unit(unit, tmp_path), length_unit=unit)
+    small.require_same(model)
+    assert model.size == "0.351 kg, 200 × 100 × 150 mm"
+
+
+@pytest.mark.parametrize("right", UNITS)
+@pytest.mark.parametrize("stated", UNITS)
+def test_a_solid_in_a_wrong_unit_is_refused_with_the_right_one_named(tmp_path, right, stated):
+    """Steel that fills its box has 7800 kg/m³ in one unit alone; feet that are taken for metres leave 15."""
+    model, (length, mass) = brick_model((4, 2, 2)), UNITS[right]
+    k, m = model.stiffness.toarray() / mass, model.mass.toarray() / mass  # lengths cancel: only translations
+    path = npz(tmp_path, K=k, M=m, dofs=model.dofs, nodes=model.nodes, xyz=model.places / length)
+    if stated == right or (stated, right) == ("m", "ft"):
+        assert jb.read_structure(path, length_unit=stated).whole_mass == pytest.approx(0.936 * UNITS[stated][1] / mass)
+    else:
+        told = refused(path, rf'length_unit="{right}" \(7.8e\+03 kg/m³\)', length_unit=stated)
+        assert f"in the unit '{stated}'" in told
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("mass", [1e3, 1e6])
+def test_mm_with_kg_or_g_is_refused(tmp_path, unit, mass):
+    model = brick_model((4, 2, 2))
+    k, m = model.stiffness.toarray() / 1e3, mass * model.mass.toarray() / 1e3
+    path = npz(tmp_path, K=k, M=m, dofs=model.dofs, nodes=model.nodes, xyz=1e3 * model.places)
+    if (unit, mass) not in (("in", 1e3), ("ft", 1e6)):  # 83 and 4 kg/m³
+        refused(path, r"export in consistent units \(mm with t, not kg\)$", length_unit=unit)
 
 
 # ---- files
@@ -358,7 +381,7 @@ def test_a_bomb_is_not_unpacked(tmp_path):
 def test_an_input_file_found_beside_that_cannot_be_used_is_a_note(tmp_path):
     path = abaqus(tmp_path)
     (tmp_path / "j.inp").write_text(INP.replace("13, 0, 0, 3", "12, 0, 0, 3"))
-    model = jb.read_structure(path)
+    model = jb.read_structure(path, length_unit="m")
     assert re.fullmatch(r"no coordinates: .*j\.inp: found node 12 2 times; .*", model.notes[0])
     assert model.place(12) is None
     refused(path, "j.inp: found node 12 2 times", nodes=tmp_path / "j.inp")
@@ -367,7 +390,7 @@ def test_an_input_file_found_beside_that_cannot_be_used_is_a_note(tmp_path):
 def test_damping_in_a_file_of_its_own_and_a_file_of_another_role(tmp_path):
     dofs = small.write_map(tmp_path / "map.csv")
     k, m, c = (small.write_matrix_market(tmp_path / f"{i}.mtx", a) for i, a in enumerate((K, M, small.C)))
-    model = jb.read_structure(k, mass=m, damping=c, dofs=dofs)
+    model = jb.read_structure(k, mass=m, damping=c, dofs=dofs, length_unit="m")
     np.testing.assert_array_equal(model.damping.toarray(), small.C)
     np.savez(tmp_path / "only.npz", M=M)
     told = "only.npz: found a matrix of mass; expected one of damping"

@@ -849,9 +849,9 @@ class ImportedSpec(StructureBase):
     ] = None
     nodes_file: Annotated[str | None, key_field("the file with the places of the nodes", "bracket.inp")] = None
     length_unit: Annotated[
-        Literal["m", "mm", "in"],
-        key_field('the unit of length of its files: "m" (N, kg), "mm" (N, t) or "in" (lbf)', "m"),
-    ] = "m"
+        Literal["m", "mm", "in", "ft"],
+        key_field('the units of its files, by the length: "m" (N, kg), "mm" (N, t), "in" (lbf) or "ft" (lbf)', "mm"),
+    ]
     top_hz: Annotated[
         float | None, positive("the frequency in Hz up to which it is reduced, by itself that of the data", 3000.0)
     ] = None

@@ -29,6 +29,7 @@ from jointbayes.report.sections.trust import lights_of, worst_test
 from jointbayes.report.structure_sketch import dof_words, sketch
 from jointbayes.rounding import percent, quantity_text, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
+from jointbayes.structure.imported import ImportedRecipe
 from vibrecords import FrfData
 
 #: Stiffnesses that all have a row on page one, of more so many that are known least; and reasons it has room for.
@@ -117,6 +118,8 @@ def _structure(part: Problem) -> str:
     if isinstance(recipe, FrameRecipe):
         names = [foreign(name) for name, _ in recipe.bodies if name]
         return f"Frame of {', '.join(names)}" if names else "Frame"
+    if isinstance(recipe, ImportedRecipe):
+        return f"Imported model, {recipe.in_words}"
     return "Structure"
 
 

@@ -75,6 +75,8 @@ class FeModel:
         The file in words, such as ``"bracket.npz"``.
     notes
         What a reader left out or doubts, a sentence each.
+    rounding
+        Relative rounding of the entries of K in the file: 5e-10 for ten digits, 0 for sixteen.
 
     Raises
     ------
@@ -92,6 +94,7 @@ class FeModel:
     edges: Indices | None = None
     source: str = "structure"
     notes: tuple[str, ...] = ()
+    rounding: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
@@ -187,6 +190,23 @@ class FeModel:
         kept = np.setdiff1d(np.arange(self.n_dofs), rows)
         selection = sparse.eye_array(self.n_dofs, format="csc")[:, kept]
         return self if not rows else self.changed(selection, self.dofs[kept], {})
+
+    @property
+    def whole_mass(self) -> float:
+        """Largest mass that moves along x, y or z, kg."""
+        return max(self.mass_along(way) for way in "xyz")
+
+    @property
+    def box(self) -> tuple[float, ...] | None:
+        """Sides of the box that holds the nodes that move, m; None without coordinates."""
+        known = np.isin(self.nodes, self.dofs[:, 0])
+        return tuple(np.ptp(self.places[known], axis=0).tolist()) if known.any() else None
+
+    @property
+    def size(self) -> str:
+        """Mass and box in words."""
+        sides = "no coordinates" if self.box is None else " × ".join(f"{1e3 * side:.4g}" for side in self.box) + " mm"
+        return f"{self.whole_mass:.4g} kg, {sides}"
 
     def mass_along(self, direction: str) -> float:
         """Mass that moves when the whole structure moves along x, y or z, kg: where nothing is held, all of it."""

@@ -102,8 +102,8 @@ class ImportedRecipe(Recipe):
         Frequency up to which it is reduced, Hz.
     damping
         Damping law; that of a matrix C holds the reduced one.
-    source, size
-        The file in words, and the number of its DOFs.
+    source, n_whole, size
+        The file in words, the number of its DOFs, and its mass and box in words.
     positions
         Places of ports, m, by their names, where known.
     accelerometer_mass, added_mass, accelerometer_dofs
@@ -118,7 +118,8 @@ class ImportedRecipe(Recipe):
     top_hz: float
     damping: DampingLaw
     source: str = "structure"
-    size: int = 0
+    n_whole: int = 0
+    size: str = ""
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     outline: Outline | None = None
 
@@ -150,8 +151,15 @@ class ImportedRecipe(Recipe):
 
     @property
     def what(self) -> str:
-        """The model by its file and size."""
-        return f"{self.source}, {self.size} DOFs reduced to {len(self.used.mass)}"
+        """The model by its file, size and first natural frequency."""
+        return f"{self.source}, {self.n_whole} DOFs reduced to {len(self.used.mass)}, {self.in_words}"
+
+    @property
+    def in_words(self) -> str:
+        """Mass, box and first natural frequency without the joint, by which a wrong unit shows."""
+        frequencies, top = self.structure().modes().frequency_hz[self.used.rigid :], MODES_TO * self.top_hz
+        first = f"at {frequencies[0]:.4g} Hz" if frequencies.size and frequencies[0] <= top else f"above {top:.4g} Hz"
+        return f"{self.size}, first natural frequency without its joint {first}"
 
     def mesh(self, dofs: Iterable[str] | None = None, top_hz: float | None = None) -> None:
         """No elements to be chosen; a frequency beyond the modes of the reduction is refused.
@@ -230,7 +238,7 @@ class ImportedFamily(UncertainBody):
     @property
     def discretisation(self) -> Discretisation:
         """Vectors that stand for its DOFs."""
-        return Discretisation("reduced", len(self.recipe.used.mass), self.recipe.size)
+        return Discretisation("reduced", len(self.recipe.used.mass), self.recipe.n_whole)
 
     @cached_property
     def reach_of_modes_hz(self) -> float | None:
@@ -350,6 +358,7 @@ def reduce_to_ports(
         damping,
         model.source,
         model.n_dofs,
+        model.size,
         {name: tuple(place.tolist()) for name, place in places.items() if place is not None},
         accelerometer_mass=accelerometer_mass,
         accelerometer_dofs=tuple(accelerometer_dofs),

@@ -1,5 +1,6 @@
 """`read_structure`: a finite-element model from the files of whatever program, told by what is in them."""
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,22 +19,27 @@ from jointbayes.structure.imported.matrix_market import read_matrix_market
 from jointbayes.structure.imported.mesh import read_map, read_nodes
 from jointbayes.structure.imported.named_arrays import read_named_arrays
 from jointbayes.structure.imported.nastran import read_assembly, read_dmig, read_op4
-from vibrecords.arrays import Indices
+from vibrecords.arrays import Array, Indices
 from vibrecords.errors import MeasurementError
 from vibrecords.records import MOST_BYTES
 
 PathLike = str | Path
-#: Length in m and energy in J of a consistent system of units: m-kg-s, mm-t-s, inch-lbf-s.
-_UNITS = {"m": (1.0, 1.0), "mm": (1e-3, 1e-3), "in": (0.0254, 0.112984829027616)}
+#: Length in m and energy in J of a consistent system of units: m-kg-s, mm-t-s, in-lbf-s, ft-lbf-s.
+_UNITS = {
+    "m": (1.0, 1.0),
+    "mm": (1e-3, 1e-3),
+    "in": (0.0254, 0.112984829027616),
+    "ft": (0.3048, 1.3558179483314004),
+}
 #: Entries are below this, so that no product of two overflows.
 _LARGEST = 1e100
 #: Abaqus writes this on the diagonal of a DOF that is held.
 _HELD = 1e35
-#: Mass over the cube of the longest side, kg/m³: a wire of 10 m and 1 mm has 6e-5, nothing solid more than 2.3e4. Steel
-#: in mm with t, or with kg, has less where it is taken for m.
-_SPARSEST, _DENSEST = 1e-5, 5e4
-#: Mass in kg below which a structure without coordinates is doubted.
-_LIGHTEST = 0.02
+#: Mass over the cube of the longest side of beams and shells, kg/m³: a wire of 10 m and 1 mm has 6e-5. Mass over the
+#: box of a solid: below 1 it is lighter than air, as steel in inches that is taken for feet (0.4) or metres (7e-4).
+_SPARSEST, _SPARSEST_SOLID, _DENSEST = 1e-5, 1.0, 5e4
+#: Densities of a unit that is proposed, kg/m³.
+_LIKELY = 100.0, 23_000.0
 
 
 def read_structure(
@@ -43,7 +49,7 @@ def read_structure(
     damping: PathLike | None = None,
     dofs: PathLike | None = None,
     nodes: PathLike | None = None,
-    length_unit: str = "m",
+    length_unit: str,
 ) -> FeModel:
     """A structure without its joints from the files of a finite-element program.
 
@@ -64,7 +70,7 @@ def read_structure(
     nodes
         Where nodes are: CSV ``node,x,y,z``, an ``.inp`` or GRID cards.
     length_unit
-        ``"m"`` of models in m, kg, N, s; ``"mm"`` in mm, t, N, s; ``"in"`` in inch, lbf, s.
+        ``"m"`` for models in m, kg, N, s; ``"mm"`` in mm, t, N, s; ``"in"`` in inch, lbf, s; ``"ft"`` in foot, lbf, s.
 
     Raises
     ------
@@ -78,7 +84,7 @@ def read_structure(
     >>> model.n_dofs, model.mass_along("x")  # doctest: +SKIP
     (16335, 1.87)
     """
-    expected = 'one of "m", "mm", "in"; give that of the model'
+    expected = 'one of "m", "mm", "in", "ft"; give that of the model'
     require(length_unit, str, "length_unit: found", expected, lambda unit: unit in _UNITS)
     main = Path(path)
     exported = _read(main, _matrices)
@@ -124,6 +130,7 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
     kept = np.flatnonzero(~(held | empty))
     rows = rows[kept]
     length, energy = _UNITS[unit]
+    rounding = _rounding(whole["stiffness"].data)
     scale = np.where((rows[:, 1] >= 1) & (rows[:, 1] <= 3), 1 / length, 1.0)
     turn = sparse.diags_array(scale)
     whole = {role: energy * (turn @ matrix[kept][:, kept] @ turn) for role, matrix in whole.items()}
@@ -137,28 +144,42 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
         edges=found.edges,
         source=str(main),
         notes=tuple(notes),
+        rounding=rounding,
     )
-    return _with_sane_units(model, unit)
+    _require_sane_units(model, unit)
+    return model
 
 
-def _with_sane_units(model: FeModel, unit: str) -> FeModel:
-    """The model, refused where its mass is absurd for its size, and noted where only its mass can be doubted."""
-    known = np.isin(model.nodes, model.dofs[:, 0])
-    total = max(model.mass_along(way) for way in "xyz")
-    side = np.ptp(model.places[known], axis=0).max() if known.any() else 0.0
-    if total <= 0:
-        return model
-    if side == 0:
-        doubt = f"the mass of rigid motion is {total:.3g} kg: if the model is in mm, t, N, s, give length_unit='mm'"
-        return replace(model, notes=(*model.notes, doubt)) if unit == "m" and total < _LIGHTEST else model
-    with np.errstate(all="ignore"):
-        density = total / side**3
-    if _SPARSEST <= density <= _DENSEST:
-        return model
-    found = f"found {total:.3g} kg on {side:.3g} m in the unit {unit!r}"
-    other = "mm" if density < _SPARSEST else "m"
-    expected = "mass and size of one structure, in m-kg-s, mm-t-s or inch-lbf-s"
-    remedy = f'give length_unit="{other}", or export in consistent units (mm with t, not kg)'
+def _rounding(values: Array) -> float:
+    """Return the relative rounding of numbers as a file has them: half of the last of 10 to 15 digits, or 0."""
+    values = np.abs(values[values != 0][:10_000])
+    tens = np.floor(np.log10(values))
+    for digits in range(10, 16):
+        unit = 10.0 ** (tens + 1 - digits)
+        if (np.abs(np.rint(values / unit) * unit - values) <= 4 * np.finfo(float).eps * values).all():
+            return 0.5 * 10.0 ** (1 - digits)
+    return 0.0
+
+
+def _require_sane_units(model: FeModel, unit: str) -> None:
+    """Refuse a model whose mass is absurd for its size, and name the units in which it is not."""
+    box = model.box
+    if box is None or not max(box):
+        return
+    solid = set(model.dofs[:, 1].tolist()) == {1, 2, 3} and min(box) > 1e-3 * max(box)
+    volume = math.prod(box) if solid else max(box) ** 3
+    bounds = (_SPARSEST_SOLID if solid else _SPARSEST), _DENSEST
+    numbers = {other: energy / length**5 for other, (length, energy) in _UNITS.items()}
+    densities = {other: model.whole_mass / volume * size / numbers[unit] for other, size in numbers.items()}
+    if bounds[0] <= densities[unit] <= bounds[1]:
+        return
+    named: list[str] = []
+    for low, high in (_LIKELY, bounds):
+        named = named or [f'"{u}" ({d:.3g} kg/m³)' for u, d in densities.items() if low <= d <= high]
+    found = f"found {model.size} in the unit {unit!r}: {densities[unit]:.3g} kg/m³"
+    expected = "mass and size of one structure, in m-kg-s, mm-t-s, in-lbf-s or ft-lbf-s"
+    remedy = f"give length_unit={' or '.join(named)}, or " if named else ""
+    remedy += "export in consistent units (mm with t, not kg)"
     raise ModelError.of(model.source, ("mass",), found, expected, remedy)
 
 

@@ -39,7 +39,7 @@ _POLISHED, _NEW = 3, 1e-6  # inverse iterations on such a mode, and what of it m
 _STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ, or than a few
 #: times what the file's digits leave: ten to sixteen of them.
-_RIGID, _LEFT, _FEWEST_DIGITS, _EXACT = 30 * np.finfo(float).eps, 3, 1e-9, 1e-12
+_RIGID, _LEFT, _ALIKE, _FEWEST_DIGITS, _EXACT = 30 * np.finfo(float).eps, 3, 10, 1e-9, 1e-12
 
 #: Quantities of a part, and how its matrices grow with each: stiffness, bending, mass.
 PART_QUANTITIES = {"youngs_modulus": (1, 1, 0), "density": (0, 0, 1), "thickness": (1, 3, 1)}
@@ -202,12 +202,12 @@ def _rigid_modes(model: FeModel, modes: Array, solve: Callable[[Array], Array], 
     2. Take the eigenvectors near zero, shape (n, m), which also move nodes without places and generalised coordinates.
     3. Keep what strains nothing: a support leaves some motions free and strains others.
     """
-    found, rounding = np.empty((model.n_dofs, 0)), _digits_of(model)
+    found = np.empty((model.n_dofs, 0))
     near = modes[:, _energy(model, modes, 0.0) < _NEAR_ZERO * shift * (modes * (model.mass @ modes)).sum(axis=0)]
     for _ in range(_POLISHED):  # (K + σM)⁻¹ M keeps a motion at zero and takes away what is left of all others
         near = shift * solve(model.mass @ near)
-    for motions in (rigid_motions(model), near):
-        if motions is None:
+    for motions_of_modes, motions in ((False, rigid_motions(model)), (True, near)):
+        if motions is None or not motions.size:
             continue
         before = np.sqrt((motions * (model.mass @ motions)).sum(axis=0))
         motions = motions - found @ (found.T @ (model.mass @ motions))
@@ -217,20 +217,18 @@ def _rigid_modes(model: FeModel, modes: Array, solve: Callable[[Array], Array], 
         energy, weight = (_symmetric(motions.T @ (matrix @ motions)) for matrix in (model.stiffness, model.mass))
         values, turn = linalg.eigh(energy, weight) if there.any() else (np.empty(0), np.empty((0, 0)))
         turned = motions @ turn
-        most = rounding * (np.abs(turned) * (abs(model.stiffness) @ np.abs(turned))).sum(axis=0)
-        found = np.hstack([found, turned[:, np.abs(values) <= np.maximum(most, _EXACT * shift)]])
+        of_rows = abs(model.stiffness) @ np.abs(turned)
+        size = (np.abs(turned) * of_rows).sum(axis=0)
+        if motions_of_modes:  # the sum of the roundings of all entries, some of which are alike
+            most = _ALIKE * model.rounding * np.sqrt((turned**2 * (model.stiffness.power(2) @ turned**2)).sum(axis=0))
+        else:  # they show in nine of ten rows of exact motions: a support strains few rows
+            left = np.abs(model.stiffness @ turned) / np.maximum(of_rows, np.finfo(float).tiny)
+            most = np.minimum(_LEFT * np.quantile(left, 0.9, axis=0), _FEWEST_DIGITS) * size
+        most = np.maximum(most, np.maximum(_RIGID * size, _EXACT * shift))
+        # no support makes a value negative
+        free = (values <= most) & (values >= -np.maximum(most, _FEWEST_DIGITS * size))
+        found = np.hstack([found, turned[:, free]])
     return found
-
-
-def _digits_of(model: FeModel) -> float:
-    """Return what share of |K||φ| the rounding of the file may leave in a motion that strains nothing.
-
-    It shows in nine of ten rows when the whole model moves along an axis: a support strains few rows.
-    """
-    along = (model.dofs[:, [1]] == np.arange(1, 4)).astype(float)
-    of_rows = abs(model.stiffness) @ along
-    left = (np.abs(model.stiffness @ along) / np.maximum(of_rows, np.finfo(float).tiny))[of_rows > 0]
-    return max(_RIGID, _LEFT * min(np.quantile(left, 0.9), _FEWEST_DIGITS)) if left.size else _RIGID
 
 
 def _modes_below(
