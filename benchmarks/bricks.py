@@ -37,14 +37,24 @@ def brick_matrices(edges: Sequence[float]) -> tuple[Array, Array]:
 
 
 def brick_model(
-    counts: Sequence[int] = (10, 2, 2), sizes: Sequence[float] = (0.2, 0.02, 0.03), part_from: int | None = None
+    counts: Sequence[int] = (10, 2, 2),
+    sizes: Sequence[float] = (0.2, 0.02, 0.03),
+    part_from: int | None = None,
+    *,
+    bracket: bool = False,
 ) -> FeModel:
-    """A block of bricks with edges along x, y, z in m; those from the `part_from`th along x on are the part "end"."""
+    """A block of bricks with edges along x, y, z in m; those from the `part_from`th along x on are the part "end".
+
+    A bracket has only the bricks that are the first along x or z: an L.
+    """
     edges = np.array(sizes) / counts
     grid = np.stack(np.meshgrid(*(np.arange(c + 1) for c in counts), indexing="ij"), axis=-1).reshape(-1, 3)
     stride = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
     cells = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = cells[(cells[:, [0, 2]] == 0).any(axis=1)] if bracket else cells
     nodes = ((cells[:, None] + _CORNERS) * stride).sum(axis=2)
+    used, places = np.unique(nodes, return_inverse=True)
+    grid, nodes = grid[used], places.reshape(nodes.shape)
     dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(cells), 24)
     own, n = brick_matrices(edges), 3 * len(grid)
 

@@ -131,10 +131,11 @@ def find_map(
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
-    The starts are joints whose natural frequencies agree with the resonances of the data (of five unknowns and more
-    one that explains line after line from the lowest, or joints whose motion is reconstructed), the first guess, and
-    of many draws from the prior those that fit the most lines. All climb at once, the best are refined, and so are
-    images of the modes: like joints exchanged, couplings reflected. `MapEstimate.starts` says
+    The starts are the modes that the problem knows already, see `Problem.with_known_modes`, joints whose natural
+    frequencies agree with the resonances of the data (of five unknowns and more one that explains line after line from
+    the lowest, or joints whose motion is reconstructed), the first guess, and of many draws from the prior those that
+    fit the most lines. All climb at once, the best are refined, and so are images of the modes: like joints exchanged,
+    couplings reflected. `MapEstimate.starts` says
     which of them reached the mode, `MapEstimate.modes` what other modes there are.
     Where the best mode does not explain the data while starts disagree, the search goes on with more starts:
     `MapEstimate.effort` and `MapEstimate.sentence` say how far and what follows. FRFs of far more lines than resolve
@@ -167,8 +168,9 @@ def find_map(
     iteration = identify(whole or problem, guess) if part_to_iterate(problem) is not None else None
     search = ModeSearch(searched.log_posterior, tell, budget)
     further = first_starts(searched, seed)
+    known = [theta for theta in searched.known_theta if np.isfinite(searched.log_posterior(theta)[0])]
     search.climb_stiffnesses({"first guess": guess})
-    search.climb(further)
+    search.climb({f"known mode {number}": theta for number, theta in enumerate(known, 1)} | further)
     effort = search_further(search, searched, seed, tell)
     estimate = replace(search.estimate(), effort=effort, iteration=iteration)
     return estimate if searched is problem else _on_all_lines(problem, estimate)

@@ -59,7 +59,9 @@ def asked():
     case = jb.case_from_text("soft", FRF)
     problem = case.problem.with_test(data=replace(case.problem.test.data, synthetic=False))
     truth = np.concatenate([problem.parametrisation.coordinates(SOFT), problem.prior.mean[2:]])
-    return modes_problem(problem, SimpleNamespace(theta=truth, modes=()), 1, ErrorSizes(), case.workshop_problem)
+    return modes_problem(
+        problem, SimpleNamespace(theta=truth, places=truth[None]), 1, ErrorSizes(), case.workshop_problem
+    )
 
 
 def test_modes_of_a_soft_joint_take_no_eigen_solution_for_each_draw(asked, counted):

@@ -162,7 +162,8 @@ def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(mea
     dark = replace(test.data.split([(200.0, 600.0)])[1], synthetic=False)  # between two resonances
     tests = [replace(test, name="seen"), replace(test, name="dark", data=dark)]
     both = jb.JointPrior(jb.blocks_of(dict.fromkeys(("seen", "dark"), prior.parametrisation)), prior.marginals * 2)
-    estimate = SimpleNamespace(theta=np.tile(measured.estimate.theta, 2), modes=())
+    twice = np.tile(measured.estimate.theta, 2)
+    estimate = SimpleNamespace(theta=twice, places=twice[None])
     assert modes_problem(jb.Problem(tests, both), estimate, 1, ErrorSizes()) is None
     one_joint = modes_problem(jb.Problem(tests, prior), measured.estimate, 1, ErrorSizes())
     assert {mode.test for mode in one_joint.premises.modes} == {"seen"}

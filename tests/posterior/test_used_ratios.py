@@ -38,7 +38,7 @@ def measured():
 
 def by_modes(problem, **sizes):
     theta = np.append(np.log(TRUTH), problem.prior.mean[2:])
-    return modes_problem(problem, SimpleNamespace(theta=theta, modes=()), 1, ErrorSizes(**sizes))
+    return modes_problem(problem, SimpleNamespace(theta=theta, places=theta[None]), 1, ErrorSizes(**sizes))
 
 
 @pytest.fixture(scope="module")

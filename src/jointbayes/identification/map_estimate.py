@@ -188,6 +188,12 @@ class MapEstimate:
         return table_html(f"MAP: {self._search}", ("Quantity", "Value", "Unit"), rows, after)
 
     @property
+    def places(self) -> Array:
+        """The mode and all other modes, shape (n, d), the highest first."""
+        others = (mode.theta for mode in self.modes if not np.array_equal(mode.theta, self.theta))
+        return np.array([self.theta, *others])
+
+    @property
     def starts_for_draws(self) -> tuple[tuple[Array, Array], ...]:
         """Place and covariance of every mode, the highest first; of one on an edge of the prior, a little inside."""
         return tuple(mode.start for mode in self.modes) or ((self.theta, self.covariance),)

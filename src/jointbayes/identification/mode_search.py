@@ -287,19 +287,7 @@ def _parted(log_posterior: LogPosterior, higher: Array, lower: Array, density: f
 
 def into_support(log_posterior: LogPosterior, stiffness: ArrayLike) -> Array | None:
     """Coordinates of the joint nearest to one of shape (q,) at which the prior is above zero; None if there is none."""
-    prior = log_posterior.prior
-    parametrisation = prior.parametrisation
-    low, high = prior.support
-    inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
-    rest = prior.mean[len(prior.marginals) :]
-
-    def inside(joint: ArrayLike) -> Array:
-        whole = np.concatenate([parametrisation.coordinates(parametrisation.nearest(joint)), rest])
-        return np.clip(whole, low + inner, high - inner)
-
-    theta = inside(stiffness)
-    if not prior.feasible(theta):  # moving a stiffness to the edge may leave the coupling too large
-        theta = inside(prior.values(theta))
+    theta = log_posterior.prior.nearest(stiffness)
     return theta if np.isfinite(log_posterior(theta)[0]) else None
 
 

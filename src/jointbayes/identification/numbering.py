@@ -58,8 +58,8 @@ def find_numbering(problem: Problem, sizes: ErrorSizes | None = None) -> Renumbe
     """Look for a numbering under which measured natural frequencies are as probable as under the stated one.
 
     The probability of the data is that of the joint and all else that is uncertain, with the model's error, integrated
-    by Laplace's method from the best of draws of the prior. Default priors follow the measured frequencies: of
-    frequencies in rad/s the springs are softer by (2π)².
+    by Laplace's method from the modes that the problem knows and the best of draws of the prior. Default priors follow
+    the measured frequencies: of frequencies in rad/s the springs are softer by (2π)².
 
     Parameters
     ----------
@@ -166,8 +166,9 @@ def _log_evidence_about(problem: Problem, theta: Array) -> float:
 
 
 def _modes(problem: Problem) -> Array:
-    """Modes of the posterior, shape (n, d), to which the best draws of the prior lead."""
+    """Modes of the posterior, shape (n, d), to which known modes and the best draws of the prior lead."""
     log_posterior, prior = problem.log_posterior, problem.prior
     draws = prior.sample(np.random.default_rng(0), _DRAWS)
     best = np.argsort(np.nan_to_num(log_posterior(draws), nan=-np.inf))[::-1][:_CLIMBS]
-    return climb_all(PosteriorSquares(log_posterior, exact=True), draws[best], _MOST_STEPS, fine=True)[0]
+    starts = np.vstack([problem.known_theta, draws[best]])
+    return climb_all(PosteriorSquares(log_posterior, exact=True), starts, _MOST_STEPS, fine=True)[0]

@@ -364,6 +364,28 @@ class JointPrior:
             inside = inside & (t[..., i] >= low) & (t[..., i] <= high)
         return inside
 
+    def nearest(self, values: ArrayLike, rest: ArrayLike | None = None) -> Array:
+        """Return the point θ of the support, shape (d,), nearest to a joint.
+
+        Parameters
+        ----------
+        values
+            Quantities of the joint, shape (q,).
+        rest
+            Coordinates of all else that is uncertain, shape (d − j,); by default the means of their priors.
+        """
+        low, high = self.support
+        inner = 1e-6 * np.where(np.isfinite(high - low), high - low, 0.0)
+        of_rest = self.mean[len(self.marginals) :] if rest is None else np.asarray(rest, dtype=float)
+
+        def inside(joint: ArrayLike) -> Array:
+            coordinates = self.parametrisation.coordinates(self.parametrisation.nearest(joint))
+            return np.clip(np.concatenate([coordinates, of_rest]), low + inner, high - inner)
+
+        theta = inside(values)
+        # moving a stiffness to the edge may leave the coupling too large
+        return theta if self.feasible(theta) else inside(self.values(theta))
+
     def coordinates_at_edge(self, theta: Array) -> tuple[str, ...]:
         """Names of the coordinates of θ, shape (d,), that lie on an edge of the support, within 1e-4 of their sd."""
         low, high = self.support

@@ -1,6 +1,6 @@
 """Everything that defines an inference: tests, and a prior over all that is uncertain in them."""
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -117,6 +117,9 @@ class Problem:
         `Posterior.predict_left_out` predicts them.
     premises
         What is taken for granted beyond that; by default nothing.
+    known_modes
+        Modes that were found of problems of the same joints, each by the names of its quantities and uncertain
+        quantities, see `with_known_modes`. Every search for the mode starts from them as well.
     structure, joint, data, noise, residual_kind
         Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name; one to
         ground by the labels of its DOFs, ``("1:y", "1:rz")``.
@@ -135,6 +138,7 @@ class Problem:
     name: str
     left_out: tuple[Test, ...]
     premises: Premises
+    known_modes: tuple[Mapping[str, float], ...]
 
     def __init__(
         self,
@@ -151,6 +155,7 @@ class Problem:
         residual_kind: ResidualKind = "complex",
         left_out: Iterable[Test] = (),
         premises: Premises = _AS_STATED,
+        known_modes: Iterable[Mapping[str, float]] = (),
     ) -> None:
         tests = tuple(tests) if isinstance(tests, Iterable) else (tests,)
         for test in tests:
@@ -182,7 +187,7 @@ class Problem:
             prior = replace(prior, parametrisation=parametrisation)
         if initial is not None:
             parametrisation.check(initial)
-        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out), premises)
+        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out), premises, tuple(known_modes))
         for field, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, field.name, value)
 
@@ -229,6 +234,40 @@ class Problem:
             tuple(test.with_model_error(premises.model_error) for test in some) for some in (self.tests, self.left_out)
         )
         return replace(self, tests=tests, left_out=left_out, premises=premises)
+
+    def with_known_modes(self, prior: JointPrior, theta: ArrayLike) -> "Problem":
+        """Return the problem with further modes from which every search starts, next to its own starts.
+
+        A quantity of the joint is known by its name, or by its places in K^J if it has another name here.
+
+        Parameters
+        ----------
+        prior
+            Of the problem in which the modes were found: other data, premises or parametrisation of the same joints.
+        theta
+            Modes in the coordinates of that prior, shape (n, d).
+        """
+        points = np.atleast_2d(np.asarray(theta, dtype=float))
+        names = [name for q in prior.parametrisation.quantities for name in (_place(q), q.name)]
+        names += [nuisance.name for nuisance in prior.nuisances]
+        rows = np.column_stack([np.repeat(prior.values(points), 2, axis=1), points[:, len(prior.marginals) :]])
+        modes = [dict(zip(names, row, strict=True)) for row in rows.tolist()]
+        return replace(self, known_modes=(*self.known_modes, *(m for m in modes if m not in self.known_modes)))
+
+    @property
+    def known_theta(self) -> Array:
+        """The known modes as points of the prior's support, shape (n, d).
+
+        What a mode does not say is 0 for a coupling, and in the middle of its prior for all else.
+        """
+        prior, guess, points = self.prior, self.first_guess.tolist(), []
+        for mode in self.known_modes:
+            middle = [0.0 if q.may_be_negative else k for q, k in zip(self.quantities, guess, strict=True)]
+            named = zip(self.quantities, middle, strict=True)
+            joint = [mode.get(q.name, mode.get(_place(q), k)) for q, k in named]
+            rest = [mode.get(nuisance.name, nuisance.prior.mean) for nuisance in prior.nuisances]
+            points.append(prior.nearest(joint, rest))
+        return np.array([theta for theta in points if prior.feasible(theta)]).reshape(-1, len(self.names))
 
     @cached_property
     def parts(self) -> tuple["Problem", ...]:
@@ -412,6 +451,11 @@ class Problem:
         if factors is None:
             return model.frequency_hz(self.parametrisation.matrix(stiffness))
         return model.frequency_hz(self.parametrisation.matrix(stiffness), self.structural(factors))
+
+
+def _place(quantity: Quantity) -> str:
+    """What a quantity does and where, as a text."""
+    return f"{quantity.role} {quantity.places}"
 
 
 def is_one_structure(first: Test, second: Test) -> bool:

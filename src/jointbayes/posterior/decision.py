@@ -174,49 +174,44 @@ def decide(
         `problem` itself, or one of modes whose `premises` say why.
     """
     sizes = sizes or ErrorSizes()
+    freed = (freed or problem).with_known_modes(problem.prior, estimate.places)
     typed = _with_usual_errors(problem, sizes, freed, assumed)
     of_modes = modes_problem(problem, estimate, seed, sizes, freed if typed is problem else typed)
     if of_modes is None:
-        return _with_common_errors(typed, _carried_over(problem, estimate.theta, typed))
+        allowed = any(isinstance(test.noise, ModelErrorNoise) for test in typed.tests)
+        return _with_common_errors(typed.with_known_modes(problem.prior, estimate.places)) if allowed else typed
     reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, estimate, seed))
     if not reason:
         return problem
     of_modes = replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
-    return _with_common_errors(of_modes, _carried_over(problem, estimate.theta, of_modes))
+    return _with_common_errors(of_modes)
 
 
-def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem | None, assumed: tuple[str, ...]) -> Problem:
+def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem, assumed: tuple[str, ...]) -> Problem:
     """The problem, with all else as in a workshop, whose typed-in modes have errors of the model; itself without such.
 
     Modes whose noise is of unknown size have a place for it already.
     """
     if all(test.data.modes is None for test in problem.tests):
         return problem
-    answered = freed or problem
     tests, left_out = (
         tuple(test.with_model_error(sizes) if test.noise is None or test.noise.as_stated else test for test in some)
-        for some in (answered.tests, answered.left_out)
+        for some in (freed.tests, freed.left_out)
     )
-    if not assumed and all(test is stated for test, stated in zip(tests, answered.tests, strict=True)):
+    if not assumed and all(test is stated for test, stated in zip(tests, freed.tests, strict=True)):
         return problem
     premises = Premises(TYPED, sizes, assumed)
-    return _numbered_by_evidence(replace(answered, tests=tests, left_out=left_out, premises=premises))
+    return _numbered_by_evidence(replace(freed, tests=tests, left_out=left_out, premises=premises))
 
 
-def _with_common_errors(problem: Problem, theta: Array) -> Problem:
+def _with_common_errors(problem: Problem) -> Problem:
     """The problem with what a clamp's edge and springs do to its modes, at the best joint once more with these."""
-    if not any(isinstance(test.noise, ModelErrorNoise) for test in problem.tests):
-        return problem
+    starts = np.vstack([problem.known_theta, problem.prior.mean])
+    theta = starts[np.argmax(np.nan_to_num(problem.log_posterior(starts), nan=-np.inf))]
     for _ in range(_PASSES):
         theta, _ = refine_where_possible(problem.log_posterior, theta)
         problem = with_common_errors(problem, theta)
     return problem
-
-
-def _carried_over(problem: Problem, theta: Array, other: Problem) -> Array:
-    """The same joint as a point of another problem of it; what is uncertain there alone at the middle of its prior."""
-    known = dict(zip(problem.names, theta, strict=True))
-    return np.array([known.get(name, middle) for name, middle in zip(other.names, other.prior.mean, strict=True)])
 
 
 def why_by_modes(sizes: ErrorSizes, used: Sequence[UsedMode], checked: Callable[[], Sequence[PredictiveCheck]]) -> str:
@@ -343,7 +338,7 @@ def only_modes(problem: Problem, resonances: Collection[tuple[str, str, float]])
             test = _test_of_modes(test, of_test, test.noise.sizes)
         tests.append(test)
     modes = _with_tests(problem, tests, replace(problem.premises, modes=tuple(used)))
-    return _with_common_errors(modes, modes.prior.mean)
+    return _with_common_errors(modes)
 
 
 def is_of_measured_frfs(problem: Problem) -> bool:
@@ -402,8 +397,7 @@ def _counted(
 def _tried(part: Problem, estimate: MapEstimate, seed: int) -> tuple[Array, Array]:
     """Stiffnesses and factors at the MAP, other modes and draws of the prior: where the modes are counted."""
     prior = part.prior
-    modes = [estimate.theta, *(mode.theta for mode in estimate.modes)]
-    theta = np.vstack([*modes, prior.sample(np.random.default_rng(seed), _DRAWS)])
+    theta = np.vstack([estimate.places, prior.sample(np.random.default_rng(seed), _DRAWS)])
     return prior.values(theta), prior.factors(theta)
 
 
@@ -469,7 +463,7 @@ def _with_tests(problem: Problem, tests: Sequence[Test], premises: Premises) -> 
     names = [nuisance.name for nuisance in nuisances]
     used = {own_name(test.name, name, names) for test in every for name in likelihood_of(test.data, test).names}
     prior = replace(problem.prior, nuisances=tuple(n for n in nuisances if n.name in used))
-    return Problem(tests, prior, problem.initial, name=problem.name, left_out=problem.left_out, premises=premises)
+    return replace(problem, tests=tuple(tests), prior=prior, premises=premises)
 
 
 def premises_sentences(premises: Premises, model_error: InferredError | None) -> tuple[str, ...]:
