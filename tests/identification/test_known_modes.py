@@ -20,8 +20,9 @@ from tests.marks import first_in_ci
 MOST_BELOW = 1.0
 #: In the first one a search by modes that makes its own starts alone ends 40 below.
 BRACKETS = (3, 0, 1, 2, *range(4, 26))
-MEASURED = ("beam_on_springs", "measured_stations", "measured_rotation", "clamped_solid", "solid_holder",
-            "three_storeys", "four_storeys", "rotor_bearings", "tied_beams")  # fmt: skip
+#: Shipped cases that are not analysed as they are stated.
+MEASURED = ("rotor_bearings", "measured_rotation", "rotor_dampers", "three_storeys", "four_storeys", "tied_beams",
+            "beam_on_springs")  # fmt: skip
 
 
 @cache
@@ -51,7 +52,7 @@ def test_the_mode_of_a_frames_modes_is_not_below_a_climb_from_the_map_of_its_frf
     assert below_a_climb(measured, jb.find_map(measured, seed=1)) < MOST_BELOW
 
 
-@pytest.mark.parametrize("name", first_in_ci(MEASURED, 1))
+@pytest.mark.parametrize("name", first_in_ci(MEASURED, 3))
 def test_the_mode_of_a_shipped_case_is_not_below_a_climb_from_the_first_map(name):
     case = jb.load_case(CONFIGS / f"{name}.toml")
     assert below_a_climb(case.problem, jb.find_map(case), case) < MOST_BELOW
