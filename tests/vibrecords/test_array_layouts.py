@@ -285,7 +285,7 @@ FILES = {
     "data of an FRF": ({"frf": {"data": H, "freq": F}}, MANY),
     "simulink":
         ({"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
-        [history("values 1", X[:, 0]), history("values 2", X[:, 1])]),
+        [history("signals 1", X[:, 0]), history("signals 2", X[:, 1])]),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
 }  # fmt: skip
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]

@@ -72,6 +72,11 @@ FRF_FILES = {
     "axis by attributes": {"H": (H, {"unit": "m/N", "df": 2.0, "f_start": 2.0})},
     "averages at the data set": {"f": LINES, "H": (H, {"unit": "m/N", "averages": 5}), "coherence": COHERENCE},
     "group unit, own unit": {"": {"unit": "g/N"}, "f": LINES, "H": (1000 * H, {"unit": "mm/N"})},
+    "LabVIEW's waveform": {
+        "H": (H, {"unit_string": "m/N", "wf_increment": 2.0, "wf_start_offset": 2.0, "wf_xname": "Frequency"})
+    },
+    "units of both axes": {"f": LINES / 1000, "H": 1000 * H, "xunit": "kHz", "Yunits": "mm/N"},
+    "a struct of units": {"f": LINES, "H": 1000 * H, "units": {"H": "mm/N", "f": "Hz"}},
     "a fill value": {"f": LINES, "H": (H, {"unit": "m/N", "_FillValue": np.nan})},
 }
 HISTORIES = {
@@ -83,6 +88,18 @@ HISTORIES = {
     "step at each data set": {
         "force": (FORCE, {"unit": "N", "dt": 1 / RATE}),
         "acceleration": (MOTION / G, {"unit": "g", "dt": 1 / RATE}),
+    },
+    "rate in text": {
+        "force": (FORCE, {"unit": "N", "SampleRate": "1024 Hz"}),
+        "acceleration": (MOTION, {"unit": "m/s^2"}),
+    },
+    "LabVIEW's waveforms": {
+        "force": (FORCE, {"unit_string": "N", "wf_increment": 1 / RATE, "wf_start_offset": 0.5}),
+        "acceleration": (MOTION / G, {"NI_UnitDescription": "g", "wf_increment": 1 / RATE}),
+    },
+    "a group for each channel": {
+        "hammer": {"data": (FORCE / 1000, {"unit": "kN", "fs": RATE})},
+        "tip": {"data": (MOTION / G, {"unit": "g", "fs": RATE})},
     },
     "instants in ms": {
         "time": (1000 * TIME, {"units": "ms"}),
@@ -116,6 +133,8 @@ HISTORIES = {
 OPEN = {
     "gain": ({"f": LINES, "H": (H, {"unit": "m/N", "gain": 0.5})}, "(attribute gain: applied?) m/N"),
     "offset": ({"fs": RATE, "force": (FORCE, {"unit": "N", "offset": 3.0})}, "(attribute offset: applied?) N"),
+    "scale of a group": (
+        {"": {"scale_factor": 0.5, "unit": "m/N"}, "f": LINES, "H": H}, "(scale_factor: applied?) m/N"),
     "scale without unit": ({"fs": RATE, "force": (FORCE, {"Scale": 1e3})}, "(attribute scale: applied?)"),
     "calibration": ({"fs": RATE, "force": (FORCE, {"unit": "V", "calibration": "cal_7"})},
                     "(attribute calibration: applied?) V"),
@@ -140,6 +159,8 @@ def test_attributes_of_a_data_set_count_for_histories(tmp_path, name):
     for quantity, values in (("force", FORCE), ("acceleration", MOTION)):
         np.testing.assert_allclose(found[quantity].values, values, rtol=1e-9, atol=1e-6 if "packed" in name else 1e-12)
         assert found[quantity].sample_rate_hz == pytest.approx(RATE, rel=1e-9)
+    if "each channel" in name:
+        assert [found[key].channel for key in ("force", "acceleration")] == ["hammer", "tip"]
 
 
 @pytest.mark.parametrize("name", OPEN)
@@ -166,7 +187,7 @@ def test_the_unit_of_a_tdms_channel_stands_in_any_of_its_attributes(tmp_path, na
 
 
 def test_attributes_that_change_nothing_and_those_that_are_wrong(tmp_path):
-    neutral = {"unit": "N", "gain": 1.0, "offset": 0, "sensitivity": 0.0023, "comment": "front"}
+    neutral = {"unit": "N", "gain": 1.0, "offset": 0, "conversion": "none", "sensitivity": 0.0023, "comment": "front"}
     (force,) = records_of(hdf5(tmp_path / "a", {"fs": RATE, "force": (FORCE, neutral)}))
     assert (force.unit, force.factor) == ("N", 1.0)
     np.testing.assert_array_equal(force.values, FORCE)

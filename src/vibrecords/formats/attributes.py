@@ -24,6 +24,8 @@ _QUANTITIES = ("quantity", "quantity_name", "measurand", "physical_quantity")
 #: Factors and offsets that no convention applies: whether the numbers have them already is open.
 _OFFSETS = {"offset", "intercept"}
 _OPEN = {"scale", "scaling", "gain", "factor", "multiplier", "conversion", "slope", "calibration", *_OFFSETS}
+_PLAIN = ("", "none", "linear", "identity", "no")
+_OF_CONVENTIONS = ("scale_factor", "add_offset", "wf_start_offset")
 _NETCDF = ("scale_factor", "add_offset", "_fillvalue", "missing_value")
 #: Attributes of one data set that hold for its group.
 _OF_GROUP = tuple(name for key in ("averages", "channels", "outputs", "inputs", "hits") for name in ALIASES[key])
@@ -67,9 +69,13 @@ def apply_attributes(arrays: Mapping[str, Any], place: str = "") -> dict[str, An
                 unpacked[stored == fill] = np.nan
             found[name] = unpacked
         # 2. what may have to be applied
-        open_ = {key: text for key, text in attributes.items() if key not in _NETCDF and _OPEN & {*tokens_of(key)}}
+        open_ = {
+            key: text for key, text in attributes.items() if key not in _OF_CONVENTIONS and _OPEN & {*tokens_of(key)}
+        }
         neutral = {key: 0.0 if _OFFSETS & {*tokens_of(key)} else 1.0 for key in open_}
-        doubts = [key for key, text in open_.items() if _number(text) != neutral[key]] if size_of(value) > 1 else []
+        plain = {key for key, text in open_.items() if is_text(text) and _text(text) in _PLAIN}
+        doubts = [key for key, text in open_.items() if _number(text) != neutral[key] and key not in plain]
+        doubts = doubts if size_of(value) > 1 else []
         # 3. unit and quantity
         units = unit_attribute(attributes)
         labels = strings(units, where) if is_text(units) else [] if units is None else ["(not read)"]
@@ -82,7 +88,12 @@ def apply_attributes(arrays: Mapping[str, Any], place: str = "") -> dict[str, An
         if quantity is not None:
             found.setdefault(f"{name}_quantity", quantity)
         # 4. what is of the group
-        for key, stated in attributes.items():
+        frequency = "hz" in _text(attributes.get("wf_xunit_string")) or "freq" in _text(attributes.get("wf_xname"))
+        labview = {"wf_increment": "df" if frequency else "dt", "wf_start_offset": "f_start" if frequency else ""}
+        for attribute, stated in attributes.items():
+            key = labview.get(attribute, attribute)
+            number = _number(np.array(_text(stated).removesuffix("hz").strip())) if is_text(stated) else None
+            stated = stated if number is None else np.array(number)
             if key in _OF_GROUP or meaning_of(key).role in ("rate", "interval", "f_step", "f_start"):
                 of_group.setdefault(key, []).append(stated)
     for key, values in of_group.items():
@@ -94,6 +105,11 @@ def apply_attributes(arrays: Mapping[str, Any], place: str = "") -> dict[str, An
                 "sample_rate_hz with the number in [data.layout], or store a group for each rate"
             )
     return found
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    """First text of an attribute in small letters; empty where there is none."""
+    return str(np.ravel(value)[0]).lower() if is_text(value) and np.size(value) else ""
 
 
 def _number(value: Any) -> float | None:  # noqa: ANN401

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
+from vibrecords.formats.units import TIME_S, UNIT_ATTRIBUTES, read_sensor_unit, scaled
 from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
 
+#: Roles of axes of frequency and time.
+_AXIS_ROLES = ("frequency", "omega", "time")
 #: Names by which each array is known, the one we write first; compared without regard to case.
 ALIASES: dict[str, tuple[str, ...]] = {
     "frequency_hz": ("frequency_hz", "frequency", "frequencies", "freq", "freqs", "freq_hz", "f_hz", "f", "ff"),
@@ -23,7 +25,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "outputs": ("outputs", "output", "responses", "response_channels"),
     "inputs": ("inputs", "input", "references", "reference_channels"),
     "quantity": ("quantity",),
-    "unit": ("unit", "units"),
+    "unit": UNIT_ATTRIBUTES,
     "coherence": ("coherence", "coh", "gamma2"),
     "averages": ("averages", "n_averages", "navg"),
     "sample_rate_hz": ("sample_rate_hz", "sample_rate", "fs"),
@@ -43,6 +45,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _FREQUENCY = _words("freq freqs frequency frequencies frq frequenz frequence fréquence hz khz")
+_RATES = _words("fs samplerate samplingrate")
 _SAMPLING, _START = _words("sample samples sampling samp"), _words("start min first begin 0")
 _STEP = _words("df step res resolution inc increment delta spacing")
 _LIMIT = _words("max end stop upper lower last center centre cutoff limit limits stamp zone")
@@ -138,7 +141,7 @@ def meaning_of(name: str) -> Meaning:
 def _axis(words: frozenset[str]) -> str:
     """Role of a name of an axis, or of a number that makes one."""
     frequency = words & _FREQUENCY or ({"f"} <= words <= _BESIDE_F)
-    if words & _SAMPLING and words & (_FREQUENCY | {"rate"}):
+    if (words & _SAMPLING and words & (_FREQUENCY | {"rate", "second"})) or words & _RATES:
         return "rate"
     if words in ({"dt"}, {"ts"}, {"delta", "t"}) or (words & _SAMPLING and words & _words("time interval period")):
         return "interval"
@@ -285,13 +288,17 @@ class Block:
         """
         own = self._own_units(name)
         labels = own or self.strings("unit")
-        if len(labels) == count and (own or alone):
-            return labels
-        return [", ".join(dict.fromkeys(labels))] * count
+        if not (len(labels) == count and (own or alone)):
+            labels = [", ".join(dict.fromkeys(labels))] * count
+        factors = (("scale_factor", 1), ("add_offset", 0))
+        stated = [key for key, neutral in factors if size_of(self.get(key)) and (self.numbers(key) != neutral).any()]
+        open_ = ", ".join(stated)
+        return [f"({open_}: applied?) {label}".strip() for label in labels] if open_ else labels
 
     def unit_of(self, name: str) -> str:
         """Unit that an array has for itself, as an axis; empty where it has none."""
-        return next(iter(self._own_units(name)), "")
+        of_axis = ("xunit", "xunits", "x_unit", "x_units") if self.meanings[name].role in _AXIS_ROLES else ()
+        return next(iter(self._own_units(name)), "") or next(filter(None, map(self.string, of_axis)), "")
 
     def quantity_of(self, name: str) -> str:
         """Word for what an array of its own measures, where it is one we know."""
@@ -302,7 +309,11 @@ class Block:
         """Texts under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
         small = name.lower()
         held = (key for key in (f"{small}_unit", f"{small}_units", f"unit_{small}") if is_text(self.get(key)))
-        return next((texts for key in held if any(texts := self.strings(key))), [])
+        listed = next((v for n, v in self.arrays.items() if n.lower() in ("unit", "units") and isinstance(v, dict)), {})
+        of_struct = [
+            strings(text, self.where("units")) for n, text in listed.items() if n.lower() == small and is_text(text)
+        ]
+        return next((texts for texts in (*map(self.strings, held), *of_struct) if any(texts)), [])
 
 
 def size_of(value: Any) -> int:  # noqa: ANN401
@@ -407,6 +418,8 @@ def _of_array(block: Block, name: str, count: int) -> list[_History]:
         word = small if small != "response" else block.quantity_of(name)
         return [(small, unit, word, i + 1 if several else None) for i, unit in enumerate(units)]
     label, word = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name), block.quantity_of(name)
+    if small in ("data", "values", "value") and block.place:  # of a struct or group for each channel
+        label = re.split(r"[./]", block.place)[-2]
     return [(f"{label} {i + 1}" if several else label, unit, word, None) for i, unit in enumerate(units)]
 
 

@@ -294,7 +294,7 @@ def _read(
 
 
 #: Names in small letters of attributes that state a unit: of h5py users, netCDF and LabVIEW.
-_UNIT_ATTRIBUTES = (
+UNIT_ATTRIBUTES = (
     *("unit", "units", "unit_string", "ni_unitdescription", "unit_str", "unitstring", "y_unit", "yunit", "y_units"),
     *("yunits", "unit_label", "unit_name", "engineering_unit", "engineering_units", "eu"),
 )
@@ -303,7 +303,7 @@ _UNIT_ATTRIBUTES = (
 def unit_attribute(attributes: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """What the attributes of a channel state as its unit, whatever the case of their names; None where they do not."""
     small = {key.strip().lower(): value for key, value in attributes.items()}
-    stated = (small[key] for key in _UNIT_ATTRIBUTES if key in small)
+    stated = (small[key] for key in UNIT_ATTRIBUTES if key in small)
     return next((value for value in stated if np.asarray(value).astype(str).any()), None)
 
 
