@@ -75,10 +75,11 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.many_joints modes
 	$(BIN)/python -m benchmarks.many_joints draws
 	$(BIN)/python -m benchmarks.many_joints six
-	$(BIN)/python -m benchmarks.many_joints calibrate
 	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.interval_ends
-	$(BIN)/python -m benchmarks.calibration
+	$(BIN)/python -m tests.science.calibration joint
+	$(BIN)/python -m tests.science.calibration nuisances
+	$(BIN)/python -m tests.science.calibration "noise scale"
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.model_error
 	$(BIN)/python -m benchmarks.two_levels

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration_page import BEGIN, END
 from benchmarks.exact_data import NAMES, SUBJECTS
 from benchmarks.page import number, table
+from benchmarks.record import BEGIN, END
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "trust.md"
 Outcomes = Sequence[Mapping[str, Any]]

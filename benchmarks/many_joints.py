@@ -23,17 +23,14 @@ from numpy.typing import NDArray
 import jointbayes as jb
 from benchmarks.coverage import write_between
 from benchmarks.many_joints_data import chain_case, chain_truth, four_joints, random_data, six_joints
-from benchmarks.page import table
 from benchmarks.record import merged
 from jointbayes.identification import refine
-from jointbayes.studies.calibration import calibration_lines, ranks_figure
 
 Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "benchmarks" / "many_joints.json"
 PAGE = ROOT / "docs" / "examples" / "portal-frame.md"
-FIGURE = ROOT / "docs" / "figures" / "calibration-four-joints.svg"
 SEED = 20261122
 #: Log posterior that the search may end below a climb from the truth.
 TOLERANCE = 1.0
@@ -102,15 +99,6 @@ def draws(case: jb.Case, tau_factor: float | None = None) -> dict[str, Any]:
     return found
 
 
-def calibrate(count: int, workers: int | None) -> dict[str, Any]:
-    """Ranks of the truths of so many data sets, with simultaneous bands."""
-    case = four_joints(few_lines=True)
-    found = jb.calibrate(case, count, seed=SEED, workers=workers, progress=lambda p: print(p.done, flush=True))
-    print(*calibration_lines(found), sep="\n")
-    FIGURE.write_text(ranks_figure(found.quantities), encoding="utf-8")
-    return found.summary()
-
-
 def section(found: Mapping[str, Any]) -> str:
     """What has been measured, for the page."""
     lines: list[str] = []
@@ -132,34 +120,14 @@ def section(found: Mapping[str, Any]) -> str:
             f"- **The mode, of random truths**: found in {row['found']} of {row['count']}, in "
             f"{row['median_seconds']:.1f} s of one processor core in the median.",
         )
-    if "calibrate" in found:
-        lines += ["", *_calibration(found["calibrate"])]
     return "\n".join([*lines, ""])
-
-
-def _calibration(data: Mapping[str, Any]) -> list[str]:
-    n, where = data["data_sets"], data["environment"]
-    rows = [
-        (name, "inside" if row["inside_band"] else "**outside**", f"{row['p_value']:.3f}", f"{row['covered']} of {n}")
-        for name, row in data["quantities"].items()
-    ]
-    return [
-        f"**Calibration**: {n} data sets of truths drawn from the prior, at 141 lines, seed {data['seed']}; "
-        f"{where['date']}, {where['cpu']}; {data['converged']} converged, {data['failed']} failed. Ranks against "
-        f"simultaneous bands; all quantities together: p = {data['p_value']:.2g}.",
-        "",
-        *table(("quantity", "ranks and band", "p-value", "95 % intervals that hold the truth"), rows),
-        "",
-        f"![ECDF differences of the ranks, four joints](../figures/{FIGURE.name})",
-    ]
 
 
 def main() -> None:
     """Run one part and keep what it found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("chain", "modes", "draws", "six", "calibrate"))
-    parser.add_argument("--count", type=int, help="searches, by default 40, or data sets, by default 200")
-    parser.add_argument("--workers", type=int, help="processes of `calibrate`; by default one for each processor")
+    parser.add_argument("part", choices=("chain", "modes", "draws", "six"))
+    parser.add_argument("--count", type=int, help="searches, by default 40")
     options = parser.parse_args()
     if options.part == "chain":
         chains()
@@ -168,7 +136,6 @@ def main() -> None:
         "modes": lambda: modes(options.count or 40),
         "draws": lambda: draws(four_joints(), LONGER),
         "six": lambda: draws(six_joints()),
-        "calibrate": lambda: calibrate(options.count or 200, options.workers),
     }
     found = merged(RECORD, options.part, parts[options.part](), False)
     RECORD.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -32,9 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import between, environment, kept_lines
 from jointbayes.posterior.first_look import Candidate
 from jointbayes.studies.planning.plan_report import PlannedMeasurement
 from vibrecords import FrfData, FrfSet

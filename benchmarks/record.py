@@ -65,6 +65,16 @@ def merged(path: Path | None, name: str, data: Mapping[str, Any], quick: bool) -
     return {**kept, name: {"environment": environment(), "quick": quick, **data}}
 
 
+BEGIN, END = "<!-- begin: written by the script -->", "<!-- end -->"
+
+
+def between(page: str, text: str) -> str:
+    """The page with other text between its two marks."""
+    head, rest = page.split(BEGIN)
+    _, tail = rest.split(END)
+    return f"{head}{BEGIN}\n\n{text}\n{END}{tail}"
+
+
 def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> None:
     """Print one section; keep it among the others in the JSON file and write the page from all of them."""
     json_path, page_path = options.json, options.page

@@ -29,9 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.calibration_page import between
 from benchmarks.exact_page import where_measured
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import between, environment, kept_lines
 from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import Joint, LogStiffness

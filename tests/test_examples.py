@@ -8,7 +8,7 @@ import pytest
 from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
 
 import jointbayes as jb
-from jointbayes.studies.data_sets import simulated_problem
+from tests.science.calibration import simulated_problem
 from vibrecords.formats import iter_records, write_frf
 
 pytestmark = pytest.mark.docs

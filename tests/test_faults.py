@@ -24,7 +24,6 @@ SMALL = (("max_steps = 20000", "max_steps = 200"),)
 COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out", "out"),
     "run": ("run", "clamp.toml", "--out", "out"),
-    "calibrate": ("calibrate", "clamp.toml", "--n", "2", "--workers", "1", "--out", "out"),
     "campaign": ("campaign", "clamp.toml", "--workers", "1", "--out", "out"),
     "plan": ("plan", "frf.toml", "--out", "out"),
 }

@@ -14,9 +14,9 @@ from jointbayes.inference import GaussianLikelihood, JointPrior, Uniform, likeli
 from jointbayes.report import compared_section
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import ReportSection, Table
-from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 from tests.one_line import refused, says
+from tests.science.calibration import simulated_problem
 from vibrecords import Data, FrfSet
 
 
@@ -159,11 +159,6 @@ def test_data_of_ones_own_stand_beside_frfs_and_are_simulated_for_a_calibration(
     assert tests[0].data.in_short() == "static deflections"
     simulated = simulated_problem(both, both, together.theta, np.random.default_rng(2)).tests[0].data
     assert 0.2 < np.abs((simulated.deflection - problem.test.data.deflection) / simulated.sd).max() < 6
-
-
-def test_data_of_ones_own_that_are_measured_elsewhere_do_not_stand_for_these(problem):
-    there = problem.with_test(data=replace(problem.test.data, outputs=("1:y", "1:rz", "4:y")))
-    refused(lambda: require_simulable(problem, there), jb.MeasurementError, "other DOFs")
 
 
 def test_data_without_a_likelihood_are_refused(problem):

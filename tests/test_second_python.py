@@ -39,7 +39,6 @@ COMMANDS = [
     ("check small.toml", (0, 1, 3)),
     ("compare small.toml --out compared", (0, 3)),
     ("plan small.toml --out planned --quiet", (0, 3)),
-    ("calibrate small.toml --n 2 --workers 1 --out calibrated", (0, 1, 3)),
     ("campaign small.toml other.toml --workers 1 --out campaign", (0, 1, 3)),
     ("schema", (0,)),
 ]

@@ -67,8 +67,6 @@ from jointbayes.structure.imported import FeModel as FeModel
 from jointbayes.structure.imported import Port as Port
 from jointbayes.structure.imported import read_structure as read_structure
 from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
-from jointbayes.studies.calibration import Calibration as Calibration
-from jointbayes.studies.calibration import calibrate as calibrate
 from jointbayes.studies.campaign import Campaign as Campaign
 from jointbayes.studies.campaign import campaign as campaign
 from jointbayes.studies.compare import Comparison as Comparison

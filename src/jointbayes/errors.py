@@ -159,6 +159,7 @@ WENT = {
     "noise.model_error": "use [uncertain.model_error], an error of the model in each mode",
     "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
     "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
+    "calibrate": "simulation-based calibration checks the program itself and is one of its tests",
     "--draws": "leave it out: a campaign keeps all draws of each case",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }

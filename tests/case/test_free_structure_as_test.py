@@ -7,10 +7,10 @@ import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
 from jointbayes.posterior.first_look import fisher_information
-from jointbayes.studies.data_sets import simulated_problem
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text
+from tests.science.calibration import simulated_problem
 
 MATERIAL, FREE, HEARD_FREE, _ = parts_named("free_structure").values()
 TWO = BASE + MATERIAL + FREE + "[tests.clamped]\n"

@@ -429,6 +429,7 @@ def test_an_assumed_joint_that_is_no_name_and_number_is_refused_in_one_line(stat
 
 
 @pytest.mark.parametrize(("line", "said"), [
+    ("calibrate case.toml", "calibrate: it was removed: simulation-based calibration checks the program"),
     ("campaign joints.csv --draws 400", "--draws: it was removed: leave it out"),
     ("campaign joints.csv --again", "--again: it was removed: leave it out"),
 ])  # fmt: skip

@@ -71,7 +71,7 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
             assert expected | {"messages", "warnings", "errors"} <= told.keys(), line
             assert all(len(message) <= LONGEST for message in told["messages"]), line
     assert opened == ["again/report.html"]
-    assert set(COMMANDS) - {line.split()[0] for line in keys} == {"calibrate", "campaign", "compare", "plan", "schema"}
+    assert set(COMMANDS) - {line.split()[0] for line in keys} == {"campaign", "compare", "plan", "schema"}
     assert json.loads(cli("schema", "--json").stdout) == json.loads(cli("schema").stdout) == case_schema()
 
 
@@ -97,7 +97,7 @@ def test_quiet_says_no_progress_and_all_the_rest(case):
 
 
 def test_every_command_that_writes_a_report_can_open_it():
-    writes_reports = {"run", "report", "compare", "plan", "predict", "campaign", "calibrate"}
+    writes_reports = {"run", "report", "compare", "plan", "predict", "campaign"}
     assert writes_reports == {name for name in COMMANDS if "--open" in cli(name, "--help").output}
 
 
@@ -129,7 +129,7 @@ def test_what_is_done_is_named_before_anything_heavy_is_loaded(tmp_path):
     (tmp_path / "clamp.toml").write_text(cheap_text(), encoding="utf-8")
     for name in ("draws.nc", "tip.csv"):
         (tmp_path / name).write_text("here", encoding="utf-8")
-    on_a_case = ("run", "identify", "sample", "plan", "compare", "calibrate", "check", "campaign", "validate")
+    on_a_case = ("run", "identify", "sample", "plan", "compare", "check", "campaign", "validate")
     lines = [*(f"{command} clamp.toml" for command in on_a_case), "report draws.nc", "inspect tip.csv"]
     done = subprocess.run(
         [sys.executable, "-c", BEFORE_NUMPY], input="\n".join(lines), capture_output=True, text=True, cwd=tmp_path

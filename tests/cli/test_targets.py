@@ -25,7 +25,6 @@ COMMANDS = {
     "export": ("export", "draws.nc", "--format", "nastran", "--to"),
     "compare": ("compare", "clamp.toml", "--out"),
     "plan": ("plan", "clamp.toml", "--out"),
-    "calibrate": ("calibrate", "clamp.toml", "--out"),
     "campaign": ("campaign", "clamp.toml", "--out"),
 }
 TARGETS = {
@@ -46,7 +45,6 @@ WORK = (
     "jointbayes.report.export.export",
     "jointbayes.studies.compare.compare",
     "jointbayes.studies.planning.make_plan.sample",
-    "jointbayes.studies.calibration._done",
     "jointbayes.studies.campaign.run_cases",
 )
 
@@ -196,7 +194,7 @@ def test_what_is_read_is_never_replaced(user, command, read, way):
     assert f"{target}: found the file that is read; expected another one; choose another --" in result.stderr
 
 
-@pytest.mark.parametrize("command", ["run", "compare", "plan", "calibrate", "campaign"])
+@pytest.mark.parametrize("command", ["run", "compare", "plan", "campaign"])
 def test_a_directory_that_holds_what_is_read_is_not_written(user, command):
     Path("out").mkdir()
     shutil.copy("virtual.toml", "out/case.toml")

@@ -11,9 +11,9 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
-from jointbayes.studies.data_sets import simulated_problem
 from tests.conftest import CONFIGS, edited
 from tests.oracles import differences
+from tests.science.calibration import simulated_problem
 from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, ModeShapes, Observed
 
 SIZES = ErrorSizes(frequency=0.004, factor=2.0, damping=0.25, shape=0.04, constant=0.15)

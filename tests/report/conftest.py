@@ -13,10 +13,8 @@ from jointbayes.posterior.first_look import Linearised
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.sampling import Draws
-from jointbayes.studies.calibration import Calibration, build_calibration_report
 from jointbayes.studies.campaign import campaign_page
 from jointbayes.studies.compare import Comparison, WeighedModel, build_comparison_report
-from jointbayes.studies.data_sets import DataSet
 from jointbayes.studies.planning.case_candidates import candidates_of
 from jointbayes.studies.planning.plan_report import (
     Plan,
@@ -94,12 +92,6 @@ def plan(case, text=""):
     return build_plan_report(Plan(text or "cheap", text or "Clamp", 1, "k12", now, measured, False, text).summary())
 
 
-def calibration(text=""):
-    sets = [DataSet(i, 0.1, (1.0,), (3,), (0.5,), (1.5,), True, True, 900.0) for i in range(20)]
-    failed = [DataSet(20, 0.1, error=text)] if text else []
-    return build_calibration_report(Calibration(text or "cheap", text or "Clamp", 1, ("k11",), (*sets, *failed), text))
-
-
 def campaign(text="SN-7"):
     rows = [row_of(serial=text), row_of(key="b", converged=False), row_of(key="c", status="failed", error=text)]
     return campaign_page(f"campaign {text}", rows)
@@ -107,11 +99,11 @@ def campaign(text="SN-7"):
 
 @pytest.fixture(scope="session")
 def reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory, once):
-    """Reports of nine kinds by name; nobody may change them."""
-    return once("reports", lambda: nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory))
+    """Reports of each kind by name; nobody may change them."""
+    return once("reports", lambda: every_report(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory))
 
 
-def nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory):
+def every_report(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory):
     frame = edited(
         shipped_text("portal_frame"),
         ('"lowA:x", "lowC:x", ', ""),
@@ -127,6 +119,5 @@ def nine_reports(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory
         "frame": report_of(made_up("frame", frame, tuple(truth.values()))),
         "comparison": comparison(),
         "plan": plan(cheap_case),
-        "calibration": calibration(),
         "campaign": campaign(),
     }

@@ -200,7 +200,6 @@ REPORTS = {
     ),
     "comparison": lambda _: kinds.comparison(),
     "plan": lambda p: kinds.plan(p.case),
-    "calibration": lambda _: kinds.calibration(),
 }
 
 

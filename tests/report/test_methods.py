@@ -175,6 +175,6 @@ def test_the_section_has_the_paragraph_and_a_file_has_what_it_cites(inputs, tmp_
 
 
 def test_a_study_cites_what_its_text_names():
-    text = report_text("calibration", truths="the priors")
-    assert "Truths were drawn from the priors," in text
-    assert references(text).startswith("@misc{talts2018,")
+    text = report_text("nested")
+    assert "nested sampling took over" in text
+    assert references(text).startswith("@article{speagle2020,")

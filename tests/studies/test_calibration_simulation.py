@@ -5,10 +5,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior.prediction import replace_values, simulated_values
-from jointbayes.studies.data_sets import require_simulable
 from tests.conftest import pair_matrix
-from tests.one_line import refused
-from tests.studies.calibration_cases import FREQUENCIES, TEXT, noisier_case, small_case
+from tests.studies.calibration_cases import FREQUENCIES, TEXT, small_case
 
 CASES = {
     "as stated": small_case(),
@@ -82,25 +80,3 @@ def test_noise_less_data_are_the_prediction():
     drawn = [simulated_values(problem, theta, np.random.default_rng(i)) for i in range(400)]
     predicted = problem.log_posterior.likelihood.predicted(pair_matrix(problem.prior.values(theta))[None])[0]
     assert (np.abs(np.mean(drawn, axis=0) - predicted) / np.sqrt(problem.test.data.variance / 400)).max() < 4.0
-
-
-def test_a_term_of_ones_own_is_refused():
-    from dataclasses import replace
-
-    own = replace(small_case().problem, extra_log_likelihood=lambda theta: np.zeros(len(theta)))
-    refused(lambda: require_simulable(own, own), jb.ModelError, "no data can be drawn")
-
-
-@pytest.mark.parametrize(("text", "what"), [
-    (TEXT.replace("f_step_hz = 20.0", "f_step_hz = 10.0"), "lines"),
-    (TEXT.replace('["5:y", "3:y"]', '["5:y"]'), "outputs"),
-    (TEXT.replace('kind = "synthetic_frf"', 'kind = "synthetic_frf"\nquantity = "mobility"'), "quantity"),
-    (FREQUENCIES, "data"),
-])  # fmt: skip
-def test_data_that_are_measured_otherwise_are_refused(text, what):
-    other = small_case(text=text, name="other").problem
-    refused(lambda: require_simulable(small_case().problem, other), jb.MeasurementError, f"other has other .*{what}")
-
-
-def test_data_of_another_noise_are_not():
-    require_simulable(small_case().problem, noisier_case(3.0).problem)

@@ -4,16 +4,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import jointbayes as jb
-from jointbayes.cli.commands import main
 from jointbayes.studies.same import JointChange
 from tests.conftest import cli
 from tests.studies.calibration_cases import FREQUENCIES, TEXT
-from tests.studies.test_calibrate import synthetic, uniform
 from tests.studies.test_comparison import made_up
 from tests.studies.test_planning import planned, simulated
 from tests.studies.test_same import UNCHANGED
@@ -33,18 +29,15 @@ def _here(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("line", "said"), [
-    ("calibrate case.toml --n 0", "--n"), ("calibrate case.toml --data-from missing.toml", "no such file"),
-    ("calibrate case.toml --data-from mobility.toml", "other quantity"),
     ("compare peaks.toml heard.toml", "found other data in heard than in peaks"),
     ("compare peaks.toml none.toml", "none.toml"), ("compare peaks.toml peaks.toml", "two cases named peaks"),
     ("same none.toml case.toml", "no such file"), ("same none case.toml", "no such file"),
     ("campaign none.csv", "No such file"), ("plan none.toml", "no such file"),
     *((f"{command} {'peaks' if command == 'compare' else 'case'}.toml --out full", "holds other files")
-      for command in ("calibrate", "compare", "plan", "campaign")),
+      for command in ("compare", "plan", "campaign")),
 ])  # fmt: skip
 def test_bad_input_is_refused_in_one_line_before_anything_is_computed(line, said, tmp_path, monkeypatch):
-    for work in ("workflow.find_map", "workflow.sample", "studies.campaign.run_tasks",
-                 "studies.calibration.run_tasks"):  # fmt: skip
+    for work in ("workflow.find_map", "workflow.sample", "studies.campaign.run_tasks"):
         monkeypatch.setattr(f"jointbayes.{work}", lambda *_, **__: pytest.fail("computed"))
     result = cli(*line.split())
     assert (result.exit_code, result.stdout, said in result.stderr) == (2, "", True), result.output
@@ -56,10 +49,6 @@ CHANGE = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
 
 
 @pytest.mark.parametrize(("line", "work", "answer", "code", "said"), [
-    pytest.param("calibrate case.toml", "studies.calibration.calibrate", synthetic(uniform), 0, "Calibrated: over 400",
-                 marks=pytest.mark.whole),
-    pytest.param("calibrate case.toml", "studies.calibration.calibrate", synthetic(lambda _: 0), 1, "NOT CALIBRATED",
-                 marks=pytest.mark.whole),
     ("compare peaks.toml", "studies.compare.compare",
      jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, ""), 3, "NOT TRUSTED"),
     ("plan case.toml", "studies.planning.make_plan.plan", planned(converged=False, a=simulated(0.1, 0.1)), 3,
@@ -76,17 +65,3 @@ def test_the_exit_code_says_what_was_found(line, work, answer, code, said, tmp_p
         told = json.loads(result.stdout)
         assert told["stiffness"][0]["name"] == "k22"
         assert ("NOT CONVERGED, DO NOT USE THESE NUMBERS: no" in told["messages"]) == (code == 3)
-    elif line.startswith("calibrate"):
-        assert (tmp_path / "reports" / "case-calibration" / "report.pdf").exists()
-
-
-def test_a_fault_of_the_program_has_an_exit_code_that_means_nothing_else(monkeypatch):
-    monkeypatch.delenv("JOINTBAYES_DEBUG", raising=False)
-    monkeypatch.setattr("jointbayes.studies.same.compare_joints", lambda *_: np.zeros(0).reshape(0, -1))
-    result = CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--quiet"])
-    assert (result.exit_code, result.stdout) == (70, "")
-    assert result.stderr.startswith("jointbayes: a bug in jointbayes: found ValueError in test_commands.py:")
-    assert result.stderr.endswith("please report it, with the case and what JOINTBAYES_DEBUG=1 prints\n")
-    assert result.stderr.count("\n") == 1
-    told = json.loads(CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--json"]).stdout)
-    assert (told["exit_code"], len(told["errors"])) == (70, 1)

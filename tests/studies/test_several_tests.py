@@ -10,13 +10,13 @@ import jointbayes as jb
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign import read_cases
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
-from jointbayes.studies.data_sets import require_simulable, simulated_problem
 from jointbayes.studies.simulated_test import Truth, simulate
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES
+from tests.science.calibration import simulated_problem
 from tests.studies.test_calibration_simulation import require_no_score
 
 
@@ -45,24 +45,6 @@ def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
     alone = case_of("").problem
     one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
     assert_array_equal(one.test.data.frf.values, simulated_values(alone, theta, np.random.default_rng(1)))
-
-
-def test_a_calibration_of_tests_needs_data_of_the_same_tests():
-    two, other = case_of(TWO).problem, case_of(TWO.replace("long", "tall")).problem
-    require_simulable(two, case_of(CLAMP_EDGE + TWO).problem)
-    refused(lambda: require_simulable(two, other), jb.MeasurementError, "has other tests than case")
-
-
-@pytest.mark.science
-@pytest.mark.long
-def test_a_case_with_tests_is_calibrated():
-    """Two data sets: the machinery, not the coverage."""
-    narrow = BASE.replace("low = 1e8, high = 1e12", "low = 1e9, high = 2e10")
-    narrow = narrow.replace("low = 1e5, high = 1e9", "low = 1e7, high = 1e8")
-    offset = "[uncertain.length_offset]\nsd_mm = 1.9\n[sampling]\nmax_steps = 200\n"
-    found = jb.calibrate(case_of(offset + TWO, narrow), n=2, seed=1)
-    assert [one.error for one in found.data_sets] == [""] * 2
-    assert {"k11", "k12", "k22", "length_offset"} <= set(found.names)
 
 
 def test_each_test_is_measured_in_a_virtual_test(tmp_path):

@@ -152,7 +152,7 @@ def _place_of(error: OSError) -> str:
 def main() -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
-    Exit status: 0 done, 1 the check does not match or the analysis is not calibrated, 2 bad input, 3 the sampler has
+    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has
     not converged, 70 a bug in jointbayes, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign
     1: cases failed; of same 1: the joint has changed.
     """

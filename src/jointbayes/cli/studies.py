@@ -1,4 +1,4 @@
-"""Commands that make many posteriors: compare, same, plan, calibrate, campaign."""
+"""Commands that make many posteriors: compare, same, plan, campaign."""
 
 import sys
 from dataclasses import asdict
@@ -192,70 +192,6 @@ def plan(config: Path, out: Path | None, assume: tuple[str, ...], seed: int | No
     report_written(directory)
     if not result.converged:
         sys.exit(common.NOT_CONVERGED)
-
-
-@open_option
-@click.command()
-@common.config_argument
-@common.outside_option
-@click.option("--n", "count", type=click.IntRange(1), default=1000, show_default=True, help="Number of data sets.")
-@click.option(
-    "--data-from", type=click.Path(path_type=Path), help="Case that gives truths and data, in place of CONFIG."
-)
-@click.option("--near", is_flag=True, help="Draw truths from the posterior of the measured data, not from the prior.")
-@click.option("--workers", type=click.IntRange(1, 10_000), help="Processes; by default one for each processor.")
-@click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
-@click.option(
-    "--full", is_flag=True, help="Sample each data set as long as `run` does, not only for 4000 effective draws."
-)
-@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/NAME-calibration.")
-@common.seed_option
-def calibrate(
-    config: Path,
-    count: int,
-    data_from: Path | None,
-    near: bool,
-    workers: int | None,
-    scheduler: str | None,
-    full: bool,
-    out: Path | None,
-    seed: int | None,
-) -> None:
-    """Judge the analysis of a case by simulated data with known truths; exit 1 where it is not calibrated.
-
-    \b
-    Examples:
-      jointbayes calibrate my_case.toml --n 200 --near
-    """
-    case = common.load(config)
-    source = common.load(data_from) if data_from is not None else None
-    from jointbayes.studies.calibration import A_CALIBRATION, calibration_lines
-    from jointbayes.studies.calibration import calibrate as judged
-
-    name = f"{common.directory_name(case.name, config)}-calibration{'-near' if near else ''}"
-    if source is not None and data_from is not None:
-        name += f"-by-{common.directory_name(source.name, data_from)}"
-    directory = out or Path("reports") / name
-    _require_place(directory, A_CALIBRATION)
-    with show_progress() as progress:
-        calibration = judged(
-            case,
-            count,
-            seed=seed,
-            data_from=source,
-            near=near,
-            settings=case.sampler.for_one_of_many(full=full),
-            workers=workers,
-            scheduler=scheduler,
-            progress=progress,
-        )
-    calibration.write(directory)
-    manner().result |= calibration.summary()
-    for line in calibration_lines(calibration):
-        say(line)
-    report_written(directory)
-    if not calibration.passed:
-        sys.exit(common.NOT_MATCHED)
 
 
 _TABLES = (".csv", ".tsv", ".txt")

@@ -327,7 +327,7 @@ def simulated_values(
     values = simulate_at(problem, theta[None], rng, noise)[0]
     if not np.isfinite(values).all():
         raise MeasurementError(
-            "calibrate: found a truth at which the model has no finite value, an undamped resonance on a line; "
+            "simulation: found a truth at which the model has no finite value, an undamped resonance on a line; "
             "expected a structure with damping; state some"
         )
     return np.asarray(values)

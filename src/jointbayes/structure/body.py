@@ -46,7 +46,7 @@ else:
 class FreeModes(Protocol):
     """Modes without the joint as functions of the factors, shape (n, q), on the body's uncertain quantities.
 
-    An object that can be pickled, so that a calibration can send it to its workers.
+    An object that can be pickled, so that it can be sent to another process.
     """
 
     def __call__(self, factors: Array, /) -> tuple[Array, Array]:

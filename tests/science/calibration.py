@@ -1,0 +1,107 @@
+"""Simulation-based calibration of our own problems: `python -m tests.science.calibration joint --count 500`.
+
+1. Draw a truth from the prior, and data from the likelihood at the truth.
+2. Sample the posterior of these data as a run does.
+3. Rank the truth of each quantity among draws that are picked at random.
+
+The ranks are uniform if prior, likelihood and sampler agree (Talts et al. 2018, arXiv:1804.06788). The variance that
+the case states stays as it is: one computed from simulated FRFs would know where the true resonances lie.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from benchmarks.calibration_data import VARIANTS, case_of
+from scipy import stats
+
+from jointbayes.posterior.prediction import replace_values, simulated_values
+from jointbayes.sampling import SamplerSettings
+from jointbayes.workflow import sample
+
+PICKED = 63  # draws among which a truth is ranked: far fewer than the effective ones
+BINS = 8
+
+
+def simulated_problem(analysis, source, theta, rng):
+    """The problem `analysis` with the data that `source` gives at a truth, shape (d,): those of every test."""
+    shared = source.log_posterior.likelihood.draw_shared(source.prior.factors(theta[None]), rng)
+    pairs = enumerate(zip(analysis.parts, source.parts, strict=True))
+    simulated = [
+        replace_values(part, simulated_values(its, theta, rng, shared.get(i))).test for i, (part, its) in pairs
+    ]
+    return replace(analysis, tests=tuple(simulated))
+
+
+def rank_of(truth, draws, rng):
+    """Ranks of truths, shape (d,), among `PICKED` of the draws, shape (n, d): 0 to `PICKED`; ties count at random."""
+    picked = draws[rng.choice(len(draws), PICKED, replace=False)]
+    return (picked < truth).sum(axis=0) + rng.integers(0, (picked == truth).sum(axis=0) + 1)
+
+
+@dataclass
+class Calibration:
+    """Ranks, shape (n, m), and whether 95 % intervals hold the truth, of m quantities in n data sets."""
+
+    names: tuple
+    ranks: np.ndarray
+    held: np.ndarray
+    converged: int
+
+    @property
+    def p_values(self):
+        """Probability of ranks that are as uneven, of each quantity: chi² over bins of equal width."""
+        counts = [np.bincount(ranks * BINS // (PICKED + 1), minlength=BINS) for ranks in self.ranks.T]
+        return np.array([stats.chisquare(count).pvalue for count in counts])
+
+    @property
+    def p_value(self):
+        """Of all quantities together (Bonferroni)."""
+        return min(1.0, len(self.names) * self.p_values.min())
+
+    def row(self, name):
+        """One line of the table in docs/calibration.md."""
+        n, share = len(self.ranks), 100 * self.held.mean(axis=0)
+        return f"| {name} | {n} ({self.converged}) | {self.p_value:.2g} | {share.min():.1f} to {share.max():.1f} |"
+
+
+def calibrated(problem, count, *, source=None, seed=1, tell=lambda _i, _seconds: None):
+    """Calibrate the analysis of a problem by data sets of another one, or of itself.
+
+    The log density at the truth is a further quantity: its rank finds errors that cancel in each quantity by itself.
+    """
+    source = source or problem
+    ranks, held, converged = [], [], 0
+    settings = SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
+    for i in range(count):
+        rng, began = np.random.default_rng([seed, i]), time.process_time()
+        theta = source.prior.sample(rng, 1)[0]
+        simulated = simulated_problem(problem, source, theta, rng)
+        posterior = sample(simulated, seed=int(rng.integers(2**32)), settings=settings)
+        truth = np.append(theta, simulated.log_posterior(theta[None])[0])
+        draws = np.column_stack([posterior.theta, posterior.log_density.ravel()])
+        low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+        ranks.append(rank_of(truth, draws, rng))
+        held.append((low <= truth) & (truth <= high))
+        converged += posterior.converged
+        tell(i + 1, time.process_time() - began)
+    return Calibration((*problem.names, "log density"), np.array(ranks), np.array(held), converged)
+
+
+def main():
+    """Calibrate the main case with ever more that is uncertain, and print the row of docs/calibration.md."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("variant", choices=list(VARIANTS))
+    parser.add_argument("--count", type=int, default=500, help="data sets; default 500")
+    chosen = parser.parse_args()
+
+    def tell(n, seconds):
+        if n % 10 == 0:
+            print(f"{n} of {chosen.count}, {seconds:.1f} s each", flush=True)
+
+    print(calibrated(case_of(chosen.variant).problem, chosen.count, tell=tell).row(chosen.variant))
+
+
+if __name__ == "__main__":
+    main()
