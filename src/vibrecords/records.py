@@ -308,7 +308,7 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
     if 1 / HIGHEST_HZ <= step <= HIGHEST_HZ:
         if np.abs(steps / step - 1).max() < 0.01:
             return told if told is not None and fits else float(1 / step)
-        bound = np.minimum(_half_a_digit(time) * (1 + 4 / np.sqrt(time.size)), step / 4)  # the line itself is fitted
+        bound = np.minimum(half_a_digit(time) * (1 + 4 / np.sqrt(time.size)), step / 4)  # the line itself is fitted
         line = np.polyfit(count, time, 1, w=1 / np.maximum(bound, 1e-9 * step))[0] if time.size > 2 else step
         for rate in (told if fits else None, float(np.rint(1 / line)), float(1 / line)):
             if rate and (time - count / rate - bound).max() <= (time - count / rate + bound).min():  # one start for all
@@ -321,7 +321,7 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
     )
 
 
-def _half_a_digit(values: Array) -> Array:
+def half_a_digit(values: Array) -> Array:
     """Half of the last digit that each value was printed with, by decimals or by significant digits; 0 where full."""
     largest = np.abs(values).max()
     decimals = next((d for d in range(13) if _whole(values * 10.0**d) and largest * 10.0**d < 1e12), None)

@@ -4,13 +4,16 @@ The FRF is made of three modes. A row names the end: `RIGHT` values, `LISTED` as
 unit (what the case then states makes it right), or `REFUSED` in one line.
 """
 
+from time import process_time
+
 import numpy as np
 import pytest
 
 from tests.vibrecords.reading import records_of
+from tests.vibrecords.test_labview_layouts import xlsx
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf
-from vibrecords.records import FrfRecord, SpectrumRecord
+from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord
 
 RIGHT, LISTED, ASKED, REFUSED = "right", "listed", "asked", "refused"
 MODES = ((38.2, 0.008, 0.05), (239.4, 0.006, 0.5), (670.3, 0.005, 2.0))
@@ -216,3 +219,168 @@ def test_the_rate_of_a_labview_file_is_that_of_its_header_where_the_instants_lie
     force, motion = records_of(tmp_path / "a.lvm", text)
     assert force.sample_rate_hz == pytest.approx(rate, rel=1e-15 if told == "1.953125E-5" else 2e-5)
     np.testing.assert_allclose(motion.values, -SAMPLES, rtol=1e-5)
+
+
+# ---- sheets of a workbook
+
+STEPS = np.arange(300) / 1024
+
+
+def sheet(names, *columns):
+    return [names, *np.column_stack(columns).tolist()]
+
+
+def frf_sheet(kind, values):
+    if kind == "polar":
+        names = ["Frequency (Hz)", "Magnitude (g/N)", "Phase (deg)"]
+        return sheet(names, F, np.abs(values) / G, np.angle(values, deg=True))
+    if kind == "no names":
+        return np.column_stack([F, values.real, values.imag]).tolist()
+    return sheet(["Frequency (Hz)", "Real (g/N)", "Imag (g/N)"], F, values.real / G, values.imag / G)
+
+
+#: A second sheet, the FRFs that it adds, and whether it is named as not read.
+SECOND = {
+    "an FRF": (frf_sheet("", 2 * H), 1, False),
+    "an FRF without names": (frf_sheet("no names", 2 * H), 1, False),
+    "nothing": ([], 0, False),
+    "notes": ([["Beam"], ["Operator", "AM"]], 0, True),
+    "modes": ([["Mode", "Frequency (Hz)", "Damping (%)"], [1, 38.2, 0.8], [2, 239.4, 0.6]], 0, True),
+    "a word among numbers": ([["Frequency (Hz)", "Real", "Imag"], [1, 2, 3], [2, "x", 3], [3, 4, 5]], 0, True),
+    "a record": (sheet(["Time (s)", "Force (N)"], STEPS, SAMPLES[:300]), 0, False),
+    "a coherence": (sheet(["Frequency (Hz)", "Coherence"], F, 0.9 + 0 * F), 0, False),
+    "a spectrum": (sheet(["Frequency (Hz)", "PSD (g^2/Hz)"], F, np.abs(H)), 0, False),
+    "one column": ([["Averages"], [5], [6]], 0, True),
+}
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("second", SECOND)
+@pytest.mark.parametrize("first", ["", "polar", "no names"])
+def test_all_sheets_are_read_or_named(tmp_path, first, second, order):
+    cells, added, is_named = SECOND[second]
+    sheets = dict([("h11", frf_sheet(first, H)), ("other", cells)][::order])
+    records = records_of(tmp_path / "a.xlsx", xlsx(**sheets))
+    frfs = {record.response: record for record in records if isinstance(record, FrfRecord)}
+    alone = second in ("nothing", "notes", "one column", "a word among numbers")
+    assert set(frfs) == ({"output 1" if alone else "h11"} | ({"other"} if added else set()))
+    np.testing.assert_allclose(frfs["output 1" if alone else "h11"].values, H, rtol=1e-9)
+    if added:
+        np.testing.assert_allclose(frfs["other"].values, 2 * H, rtol=1e-9)
+    assert len(records) == (1 if second in ("nothing", "notes", "one column", "modes") or is_named else 2)
+    for record in records:
+        assert any("sheet 'other' not read" in note for note in record.notes) == is_named
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+@pytest.mark.parametrize("channels", [("Force (N)",), ("Force (N)", "Tip (g)")])
+def test_sheets_of_the_same_columns_are_hits(tmp_path, count, channels):
+    hits = {f"hit {n}": sheet(["Time (s)", *channels], STEPS, *[n * SAMPLES[:300]] * len(channels))
+        for n in range(1, count + 1)}  # fmt: skip
+    records = records_of(tmp_path / "a.xlsx", xlsx(**hits))
+    assert [record.hit for record in records] == (
+        [None] * len(channels) if count == 1 else [n for n in range(1, count + 1) for _ in channels])  # fmt: skip
+    for record in records:
+        factor = G if record.channel == "Tip" else 1
+        np.testing.assert_allclose(record.values, (record.hit or 1) * SAMPLES[:300] * factor, rtol=1e-12)
+
+
+def test_sheets_of_one_channel_each_are_one_record(tmp_path):
+    sheets = {"F": sheet(["Time (s)", "Force (N)"], STEPS, SAMPLES[:300])}
+    sheets |= {"A": sheet(["Time (s)", "Tip (g)"], STEPS, SAMPLES[:300])}
+    assert [record.hit for record in records_of(tmp_path / "a.xlsx", xlsx(**sheets))] == [None, None]
+
+
+# ---- what stands above the numbers, and names
+
+PLAIN = "".join(f"{f:g}\t{h.real:.12g}\t{h.imag:.12g}\n" for f, h in zip(F, H, strict=True))
+#: Lines above an FRF without names: factor of its unit, averages.
+ABOVE = {
+    "Function class\tFRF\nX axis unit\tHz\nY axis unit\tg/N\nNumber of averages\t5\n\n": (G, 5),
+    "Y axis unit: mm/s^2/N\nAverages: 12\n": (1e-3, 12),
+    "# unit: g/N\n# averages: 3\n": (G, 3),
+    "Unit = (m/s^2)/N\n": (1.0, None),
+    "Response unit\tg\nReference unit\tlbf\n": (G / LBF, None),
+    "Einheit\tg/N\nAnzahl Mittelungen\t8\n": (G, 8),
+    "Units\tg/N\nX unit\tHz\n": (G, None),
+    "Vertical Units: g/N\n": (G, None),
+    "Force unit: N\nAcceleration unit: g\nNo. of averages: 4\n": (G, 4),
+    "Unit under test\tframe 7\nY unit\tg/N\n": (G, None),
+    "Test 3\nOperator\tAM\nAmplitude unit\tg/kN\nNumber of averages\t20\n": (G / 1e3, 20),
+}
+
+
+@pytest.mark.parametrize("above", ABOVE)
+@pytest.mark.parametrize("names", ["", "Frequency\tReal\tImag\n"])
+def test_values_stated_above_the_numbers_count(tmp_path, above, names):
+    factor, averages = ABOVE[above]
+    (record,) = records_of(tmp_path / "a.txt", above + names + PLAIN)
+    np.testing.assert_allclose(record.values, factor * H, rtol=1e-9)
+    assert (record.quantity, record.averages) == ("accelerance", averages)
+
+
+@pytest.mark.parametrize(("text", "kind", "exponent"), [
+    ("Function class\tCoherence\n\n{}", CoherenceRecord, 1), ("Coherence tip / hammer\n{}", CoherenceRecord, 1),
+    ("Frequency [Hz]\tCoherence\n{}", CoherenceRecord, 1),
+    ("Frequency [Hz]\tCoherence (gamma)\n{}", CoherenceRecord, 2),
+    ("Frequency [Hz]\tCoherence γ\n{}", CoherenceRecord, 2), ("Frequency [Hz]\tCoherence [γ²]\n{}", CoherenceRecord, 1),
+    ("Frequency [Hz]\tCoherence gamma^2\n{}", CoherenceRecord, 1), ("Function class\tPSD\n\n{}", SpectrumRecord, 1),
+    ("Function\tCross spectrum\nFrequency [Hz]\tReal\n{}", SpectrumRecord, 1),
+])  # fmt: skip
+def test_the_class_of_a_function_and_gamma_or_its_square(tmp_path, text, kind, exponent):
+    numbers = 0.5 + 0.4 * np.cos(F / 30)
+    rows = "".join(f"{f:g}\t{x:.12g}\n" for f, x in zip(F, numbers, strict=True))
+    (record,) = records_of(tmp_path / "a.txt", text.format(rows))
+    assert type(record) is kind
+    np.testing.assert_allclose(record.values, numbers**exponent, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "pair"), [
+    ("FRF 3:-Z/1:+Z", ("3:-Z", "1:+Z")), ("1z/3z", ("1z", "3z")), ("12:Z+/1:Z+", ("12:Z+", "1:Z+")),
+    ("11:rz/11:y", ("11:rz", "11:y")),
+    ("Point:3:Z/Point:1:Z", ("Point:3:Z", "Point:1:Z")), ("tip / hammer", ("tip", "hammer")),
+    ("tip/top", ("tip/top", "input 1")),
+])  # fmt: skip
+def test_points_that_a_stroke_parts_without_blanks(tmp_path, name, pair):
+    ((frf,), _) = ends(tmp_path, table([f"{name} Real", f"{name} Imag"], *RE_IM))
+    assert (frf.response, frf.reference) == pair
+
+
+AXES = {
+    "microseconds with jitter": (5684 + np.cumsum(RNG.uniform(9e3, 1.3e4, 400)), REFUSED),
+    "milliseconds with jitter": (12 + np.cumsum(RNG.uniform(9, 13, 400)), REFUSED),
+    "even microseconds": (1000.0 * np.arange(2000, 4000), REFUSED),
+    "even lines": (F, RIGHT), "log lines": (np.geomspace(5, 2000, 300), RIGHT),
+    "rounded lines": (np.round(10 + 1.5625 * np.arange(300)), RIGHT),
+    "lines left out": (np.delete(F, [40, 41, 90]), RIGHT), "a falling step": (1e3 - np.geomspace(900, 1, 200), RIGHT),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_a_first_column_without_a_name(tmp_path, name):
+    x, end = AXES[name]
+    text = "".join(f"{f!r},{np.sin(f):.17g},{np.cos(f):.17g}\n" for f in x.tolist())
+    if end == RIGHT:
+        (record,) = records_of(tmp_path / "a.csv", text)
+        np.testing.assert_allclose(record.frequency_hz, x)
+    else:
+        with pytest.raises(MeasurementError, match="expected to know whether they are time"):
+            records_of(tmp_path / "a.csv", text)
+
+
+def test_many_lines_are_read_fast_and_as_one_by_one(tmp_path):
+    count = 50_000
+    time, force = np.arange(count) / 51200, RNG.normal(size=count)
+    lines = [f"{t!r};{x!r}" for t, x in zip(time.tolist(), force.tolist(), strict=True)]
+    plain = "Time [s];Force [N]\n" + "\n".join(lines) + "\n"
+    lines[30_000] = lines[30_000].replace(";", ';"') + '"'
+    lines.insert(45_000, "# a comment")
+    quoted = "Time [s];Force [N]\n" + "\n".join(lines) + "\n"
+    before = process_time()
+    (record,) = records_of(tmp_path / "a.csv", plain)
+    assert process_time() - before < 0.5  # 3e6 lines within 5 s need a tenth of it
+    (other,) = records_of(tmp_path / "b.csv", quoted)
+    np.testing.assert_array_equal(record.values, force)
+    np.testing.assert_array_equal(other.values, force)
+    with pytest.raises(MeasurementError, match=r"line 40002: found '1,5'|points and commas"):
+        records_of(tmp_path / "c.csv", plain.replace(plain.split("\n")[40_001], "0,78125;1,5"))

@@ -212,6 +212,6 @@ _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "lvm": lambda path, _: records_of_tables(read_lvm(path)),
     "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
     "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
-    "xlsx": lambda path, layout: records_of_tables([read_xlsx(path)], layout),
+    "xlsx": read_xlsx,
     **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat4", "mat73", "npz", "hdf5")},
 }

@@ -18,6 +18,9 @@ _UNITLESS = "no unit, where other columns have one: values left as written, and 
 _EXAMPLE = "'frequency [Hz],real tip / hammer [g/N],imaginary tip / hammer [g/N]'"
 #: Estimates of an FRF, as a word of a column's name.
 _ESTIMATE = re.compile(r"(?<![^\W_])h[1234vsc](?![^\W_])", re.IGNORECASE)
+_DOFS = re.compile(
+    r"((?:[A-Za-z]\w*:)?\d+:?[+-]?R?[XYZ][+-]?)/((?:[A-Za-z]\w*:)?\d+:?[+-]?R?[XYZ][+-]?)", re.IGNORECASE
+)
 _DEGREES = "degrees as [deg] or radians as [rad]; correct the header"
 
 
@@ -91,8 +94,9 @@ class _Group:
         self.notes += tuple(converted)
         if columns[axis].header and not columns[axis].unit and not converted:
             self.notes += ("frequency without unit taken as Hz",)
-        if rest and not any(columns[i].header or columns[i].unit for i in rest):
-            _name_parts(columns, self.values, rest)
+        channel, unit = self.comments.get("channel", ""), self.comments.get("unit", "")
+        if rest and not any(columns[i].header or columns[i].unit or columns[i].role != "other" for i in rest):
+            _name_parts(columns, self.values, rest, channel or "output", unit)
         self.notes += _take_one_estimate(columns, self.values, rest)
         frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
         others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
@@ -112,11 +116,17 @@ class _Group:
         with_units = any(columns[i].unit for i in self.with_role("real", "imaginary", "magnitude"))
         for name, parts in frfs:
             if set(parts) == {"coherence"}:
-                response, reference, unnamed = _channels(name)
-                where, g2 = f"column {parts['coherence'] + 1}", self.values[:, parts["coherence"]]
+                response, reference, unnamed = _channels(name, channel)
+                where, g2 = f"column {parts['coherence'] + 1}", self.coherence(parts["coherence"])
                 yield CoherenceRecord(response, reference, lines, g2, None, where, (*self.notes, *unnamed))
             else:
                 yield self.frf(parts, lines, name, next(averages), with_units=with_units)
+
+    @np.errstate(all="ignore")
+    def coherence(self, number: int) -> Array:
+        """γ² of a column, which may hold γ and say so."""
+        is_root = re.fullmatch(r"[(|]?(?:gamma|γ)[)|]?", self.columns[number].unit, re.IGNORECASE)
+        return self.values[:, number] ** 2 if is_root else self.values[:, number]
 
     def pass_over(self, numbers: list[int]) -> None:
         """Note columns that are not read."""
@@ -156,10 +166,10 @@ class _Group:
             factor, converted = None, [_UNITLESS]
         word = self.comments.get("quantity", "").lower()
         named = next((quantity for quantity, words in headers.QUANTITY_WORDS if re.fullmatch(words, word)), None)
-        response, reference, unnamed = _channels(name)
+        response, reference, unnamed = _channels(name, self.comments.get("channel", ""))
         used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
         where = f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}"
-        coherence = self.values[:, parts["coherence"]] if "coherence" in parts else None
+        coherence = self.coherence(parts["coherence"]) if "coherence" in parts else None
         about = (self.columns[first].quantity or named or of_unit, unit, coherence, averages, where)
         said = (*notes, *converted, *unnamed)
         return FrfRecord(response, reference, lines, scaled(values, factor), *about, said, factor)
@@ -207,7 +217,7 @@ class _Group:
 
 
 @np.errstate(all="ignore")
-def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> None:
+def _name_parts(columns: list[Column], values: Array, numbers: list[int], output: str, unit: str) -> None:
     """Columns without names as real and imaginary parts, unless they may be something else."""
     expected = "expected frequency, then pairs of real and imaginary part; name the columns in a first line"
     if len(numbers) % 2 or not numbers:
@@ -223,8 +233,9 @@ def _name_parts(columns: list[Column], values: Array, numbers: list[int]) -> Non
             expected = f"to know whether they are real and imaginary part, or magnitude and phase in {word}"
             names = f"'frequency [Hz],real,imaginary' or 'frequency [Hz],magnitude,phase [{word[:3]}]'"
             raise MeasurementError.of(where, (), found, expected, f"name the columns: {names}")
-        columns[a] = Column("real", f"output {k} / input 1", "")
-        columns[b] = Column("imaginary", f"output {k} / input 1", "")
+        name = output if len(numbers) == 2 and output != "output" else f"{output} {k}"
+        columns[a] = Column("real", f"{name} / input 1", unit)
+        columns[b] = Column("imaginary", f"{name} / input 1", unit)
 
 
 @np.errstate(all="ignore")
@@ -328,12 +339,14 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
     return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
 
 
-def _channels(name: str) -> tuple[str, str, tuple[str, ...]]:
-    """Response and reference that a name says, and a note where it does not."""
+def _channels(name: str, channel: str) -> tuple[str, str, tuple[str, ...]]:
+    """Response and reference that a name says, or a response of the table's channel, and a note where it does not."""
+    if pair := _DOFS.fullmatch(name):  # 3:-Z/1:+Z without blanks
+        return pair[1], pair[2], ()
     response, _, reference = (label.strip() for label in re.sub(r"\s+over\s+", " / ", name).rpartition(" / "))
     if response:
         return response, reference, ()
-    output, unnamed = reference or "output 1", "the header does not say which column is the hammer"
+    output, unnamed = reference or channel or "output 1", "the header does not say which column is the hammer"
     return output, "input 1", (f"{unnamed}; they are called {output} and input 1",)
 
 

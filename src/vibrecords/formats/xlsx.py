@@ -1,22 +1,28 @@
-"""Tables in Excel workbooks (``.xlsx``): the first sheet that holds one, read as a table in text is."""
+"""Tables in Excel workbooks (``.xlsx``): each sheet that holds one, read as a table in text is."""
 
 import warnings
+from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_files import zip_entries
+from vibrecords.formats.table import records_of_tables
 from vibrecords.formats.table_text import ColumnTable, Lines, read_text_table
-from vibrecords.records import reading_package, refuse_damage
+from vibrecords.records import Record, reading_package, refuse_damage
 
 #: Bytes of a workbook unpacked, and cells of its sheets; the largest sheet that Excel writes has 10^6 rows.
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
 
 
-def read_xlsx(path: Path) -> ColumnTable:
-    """Table of the first sheet with rows of numbers, with a note on which that is.
+def read_xlsx(path: Path, layout: Mapping[str, str]) -> Generator[Record, None, None]:
+    """Records of all sheets that hold a table, with a note on which that is and on the sheets that hold none.
+
+    A sheet with the columns of one before it holds the next hit. The title of a sheet names the response of an FRF
+    whose columns do not, where there are several.
 
     Raises
     ------
@@ -29,17 +35,43 @@ def read_xlsx(path: Path) -> ColumnTable:
         raise MeasurementError(
             f"workbook: found {size / 1e6:.3g} MB when unpacked; expected at most {_MOST_BYTES >> 20}; save it as CSV"
         )
-    refused: MeasurementError | None = None
+    tables: dict[str, ColumnTable] = {}
+    refused: dict[str, MeasurementError] = {}
     damage = refuse_damage("workbook", "an Excel file; save it again, or as CSV")
     with damage, warnings.catch_warnings(), path.open("rb") as file:  # by its name openpyxl refuses another ending
         warnings.simplefilter("ignore")  # of styles and validations, which are of no concern
         with closing(openpyxl.load_workbook(file, read_only=True, data_only=True)) as workbook:
             for sheet in workbook.worksheets[:_MOST_SHEETS]:
+                lines, title = _lines(sheet), sheet.title[:40]
                 try:
-                    return replace(read_text_table(_lines(sheet)), notes=(f"sheet {sheet.title[:40]!r}",))
+                    if first := next((line for line in lines if line[1].strip()), None):
+                        tables[title] = read_text_table(chain([first], lines))
                 except MeasurementError as error:
-                    refused = refused or MeasurementError(f"sheet {sheet.title[:40]!r}, {error}")
-            raise refused or MeasurementError("workbook: found no sheet; expected a table; save it as CSV")
+                    refused[title] = error
+            if more := [sheet.title[:40] for sheet in workbook.worksheets[_MOST_SHEETS:]]:
+                refused[more[0]] = MeasurementError(f"found sheet {_MOST_SHEETS + 1}; expected at most {_MOST_SHEETS}")
+    made: dict[str, list[Record]] = {}
+    before: list[list[str]] = []
+    for title, table in tables.items():
+        names = [column.header for column in table.columns]
+        several = sum([column.header for column in other.columns] == names for other in tables.values()) > 1
+        before.append(names)
+        comments = table.comments if len(tables) == 1 else {"channel": title, **table.comments}
+        hit = before.count(names) if several else None
+        try:
+            made[title] = [*records_of_tables([replace(table, comments=comments, hit=hit)], layout)]
+        except MeasurementError as error:
+            refused[title] = error
+    if not made:
+        title, reason = next(iter(refused.items()), ("", MeasurementError("found no numbers; expected a table")))
+        raise MeasurementError(f"sheet {title!r}, {reason}" if title else f"workbook: {reason}; save it as CSV")
+    unread = tuple(
+        f"sheet {title!r} not read: {str(error).partition('; expected')[0]}" for title, error in refused.items()
+    )
+    for title, records in made.items():
+        for record in records:
+            where = record.where if len(made) == 1 else f"sheet {title!r}, {record.where}"
+            yield replace(record, where=where, notes=(f"sheet {title!r}", *record.notes, *unread))
 
 
 def _lines(sheet: Any) -> Lines:  # noqa: ANN401 - openpyxl has no types
