@@ -95,7 +95,6 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.wrong_frames
 	$(BIN)/python -m benchmarks.every_kind
 	$(BIN)/python -m benchmarks.quadrature
-	$(BIN)/python -m benchmarks.planning
 	$(BIN)/python -m benchmarks.several_tests
 	$(BIN)/python -m benchmarks.long steps --count 1000000
 	$(BIN)/python -m benchmarks.long tasks --count 10000

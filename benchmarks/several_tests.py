@@ -35,7 +35,7 @@ from jointbayes.frf import Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, Problem, Test, Uniform
 from jointbayes.joint import Joint, LogStiffness
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample

@@ -17,7 +17,7 @@ import pytest
 from benchmarks import quoted
 
 from jointbayes.case.case_text import read_case_text
-from jointbayes.case.parse import parse_planned, parse_tests
+from jointbayes.case.parse import parse_tests
 from jointbayes.cli.commands import main
 from tests.conftest import cli
 from tests.pages import ROOT
@@ -99,7 +99,6 @@ def test_every_block_of_toml_is_a_case_or_a_part_of_one(text, tmp_path, request)
     written(tmp_path, "block.toml", "around.toml", text)
     source = read_case_text(tmp_path / "block.toml")
     assert parse_tests(source)
-    parse_planned(source)
 
 
 def shell_lines(text, prompts_only=False):

@@ -20,12 +20,11 @@ from vibrecords.files import MARK
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")
 
 SMALL = (("max_steps = 20000", "max_steps = 200"),)
-#: Commands on `clamp.toml`, and on `frf.toml`, as a plan is one of FRFs; `compare` writes its directory as `run` does.
+#: Commands on `clamp.toml`; `compare` writes its directory as `run` does.
 COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out", "out"),
     "run": ("run", "clamp.toml", "--out", "out"),
     "campaign": ("campaign", "clamp.toml", "--workers", "1", "--out", "out"),
-    "plan": ("plan", "frf.toml", "--out", "out"),
 }
 #: What somebody may have planted at a name: a link to what, beside our marks or without.
 PLANTED = (("file", False), ("file", True), ("new", True), ("folder", True))

@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.version, pytest.mark.whole, pytest.mark.second]
 SMALL = edited(
     cheap_text(),
     ("max_steps = 20000", "max_steps = 200"),
-    ("[identification]", '[virtual_test]\n[plan]\noutputs = ["3:y"]\n\n[identification]'),
+    ("[identification]", "[virtual_test]\n\n[identification]"),
 )
 #: Each with the exit codes that it may have: a run this short has not converged.
 COMMANDS = [
@@ -38,7 +38,7 @@ COMMANDS = [
     ("run small.toml --out run --quiet", (0, 3)),
     ("check small.toml", (0, 1, 3)),
     ("compare small.toml --out compared", (0, 3)),
-    ("plan small.toml --out planned --quiet", (0, 3)),
+    ("plan small.toml --quiet", (0, 3)),
     ("campaign small.toml other.toml --workers 1 --out campaign", (0, 1, 3)),
     ("schema", (0,)),
 ]
@@ -54,7 +54,6 @@ def test_every_module_is_imported():
 def test_each_command_runs(tmp_path, monkeypatch):
     assert {line.split()[0] for line, _ in COMMANDS} == set(main.commands)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jointbayes.studies.planning.make_plan.FIRST", 2)
     Path("small.toml").write_text(SMALL, encoding="utf-8")
     Path("other.toml").write_text(SMALL, encoding="utf-8")
     asked = '[predict]\noutputs = ["5:y"]\ninputs = ["5:y"]\nf_min_hz = 20\nf_max_hz = 900\nf_step_hz = 20\n'

@@ -71,8 +71,8 @@ from jointbayes.studies.campaign import Campaign as Campaign
 from jointbayes.studies.campaign import campaign as campaign
 from jointbayes.studies.compare import Comparison as Comparison
 from jointbayes.studies.compare import compare as compare
-from jointbayes.studies.planning.make_plan import plan as plan
-from jointbayes.studies.planning.plan_report import Plan as Plan
+from jointbayes.studies.plan import Plan as Plan
+from jointbayes.studies.plan import plan as plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior
 from jointbayes.studies.simulated_test import simulate as simulate
 from jointbayes.workflow import find_map as find_map

@@ -160,6 +160,9 @@ WENT = {
     "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
     "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
     "calibrate": "simulation-based calibration checks the program itself and is one of its tests",
+    "plan": "delete the table, jointbayes plan chooses the measurements itself",
+    "--assume": "leave it out, jointbayes plan ranks for what the present data say of the joint",
+    "--out": "leave it out, the command prints its results; keep them with --json",
     "--draws": "leave it out: a campaign keeps all draws of each case",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }

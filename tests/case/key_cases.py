@@ -159,7 +159,7 @@ CASES = [
         KeyCase(f"{made}[reference]\nsource = 'a table'\nstiffness = {stated}\n", keys="reference")
         for made, stated in ((SYNTHETIC[2], "{ ky = 5e7, krz = 6e4 }"), (SYNTHETIC[3], FEET))
     ),
-    *(KeyCase(WHOLE + PARTS["settings"], act, keys) for act, keys in (("identify", "iden|samp|ref"), ("plan", "plan"))),
+    KeyCase(WHOLE + PARTS["settings"], "identify", "iden|samp|ref"),
     *(
         KeyCase(f'{WHOLE}[virtual_test]\nmethod = "{name}"\nseed = 9\n{test}', "simulate", "virtual_test")
         for name, test in ((name, PARTS[f"test {name}"]) for name in ("frf", "impact", "shaker"))

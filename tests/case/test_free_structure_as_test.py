@@ -6,7 +6,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joints
-from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE
 from tests.conftest import FEW_STEPS, TABLE_3, plain_reports, shipped_text

@@ -32,10 +32,8 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.files import simulate as simulate_command
 from jointbayes.joint import Joints
-from jointbayes.posterior.first_look import Candidate, FrfCandidate, StatedVariance
 from jointbayes.structure.recipe import UncertainBody
 from jointbayes.studies import simulated_test
-from jointbayes.studies.planning import make_plan
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, expression
 from vibrecords import FrequencyData, FrfData, FrfSet, assemble, formats
@@ -127,9 +125,7 @@ VIEWS: dict[type, Callable[[Any], Any]] = {
     jb.Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),
     FrfData: lambda measured: measured.frf,
-    StatedVariance: lambda law: float(law.stated[0, 0, 0]),
     Rig: lambda rig: {"sample_rate_hz": rig.sample_rate_hz, "block": rig.block},
-    FrfCandidate: lambda candidate: {key: getattr(candidate, key) for key in ("structure", "ports", "law")},
     np.random.Generator: lambda rng: deepcopy(rng).random(),
 }
 
@@ -175,9 +171,6 @@ class Bench:
         monkeypatch.setattr(case_module, "split_data", self._split)
         monkeypatch.setattr(RotationSpec, "rotation", self._rotation_of(RotationSpec.rotation))
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
-        monkeypatch.setattr(make_plan, "_chosen", self._planned)
-        for name in ("FirstLook", "Simulator", "coordinate_systems"):
-            monkeypatch.setattr(make_plan, name, lambda *_, **__: SimpleNamespace(truths=[], digest=""))
         monkeypatch.setattr(simulated_test.Truth, "frf", lambda *_: None)
         for name in ("noisy_frf", "hammer_records", "shaker_records", "frfs_of_hits", "frfs_of_shaker"):
             monkeypatch.setattr(simulated_test, name, self._noted(name))
@@ -192,8 +185,6 @@ class Bench:
         with suppress(_Stop):
             if act == "identify":
                 workflow.identify(case)
-            elif act == "plan":
-                make_plan.plan(case, SimpleNamespace(problem=case.problem, theta=None))
             elif act == "simulate":
                 self._file.write_text(text, encoding="utf-8")
                 asked = [str(self._file), "--out", str(self._file.with_suffix(".npz"))]
@@ -213,12 +204,6 @@ class Bench:
 
     def _iterated(self, *_: Any, **settings: Any) -> None:
         self.seen["iteration"] = settings
-        raise _Stop
-
-    def _planned(self, candidates: Mapping[str, Candidate], _look: Any, size: int, _stated: Any) -> None:
-        kinds = {"averages": "averages", "band to": "band", "+": "mass"}  # as their names tell, numbers beside
-        named = ((kind, one) for sign, kind in kinds.items() for name, one in candidates.items() if sign in name)
-        self.seen["plan"] = {"size": size, **dict(named)}
         raise _Stop
 
     def _synthesised(

@@ -72,7 +72,7 @@ def test_every_command_that_reads_a_case_has_the_option_and_tells_of_slips_first
         raise jb.CaseError("stopped here")
 
     for place in ("workflow.sample", "workflow.find_map", "workflow.identify", "studies.simulated_test.simulate",
-                  "studies.compare.compare", "studies.planning.make_plan.plan"):  # fmt: skip
+                  "studies.compare.compare", "studies.plan.plan"):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.{place}", stop)
     path = case_in(home, '"../tip.npz"')
     path.write_text(edited(path.read_text("utf-8"), ("length_mm = 383.0", "length_mm = 0.383")), encoding="utf-8")

@@ -7,8 +7,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.output import shortened
-from jointbayes.studies.planning.case_candidates import candidates_of
-from tests.case.refusal_rows import broken, case_text_named, lines_of, parts_named, refusal_rows
+from tests.case.refusal_rows import broken, case_text_named, lines_of, refusal_rows
 from tests.case.test_bodies import write_measurements
 from tests.case.test_files import frf_data, stored, virtual
 from tests.case.test_files import text as text_of_file
@@ -27,7 +26,6 @@ BEAM = shipped_text("clamped_beam")
 VARIANCE = '[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.01\n'
 CHANNELS = 'channels = { "output 1" = "11:y", "input 1" = "11:y" }\n'
 RECORDS = f'f_min_hz = 20.0\nf_max_hz = 1000.0\n\n[data.channels]\n"Point:5:Y+" = "5:y"\n\n[data.records]\n{VARIANCE}'
-PLANNED, NOISES, _ = parts_named("planning_tests").values()
 BASES = {
     "beam": BEAM,
     "frequencies": shipped_text("clamped_beam_frequencies"),
@@ -48,8 +46,6 @@ BASES = {
     "virtual test": f"{cheap_text()}\n[virtual_test]\n",
     "measured frequencies": HEARD_ALL,
     "small beam": cheap_text(),
-    "planned": f"{cheap_text()}\n{PLANNED}",
-    "planned noises": f"{cheap_text()}\n{NOISES}",
     "imported": IMPORTED,
     "imported tool": WITH_TOOL,
 }
@@ -77,8 +73,6 @@ def told(folder, text):
     """What is said of a case: faults, or warnings where it has none."""
     try:
         case = jb.case_from_text("case.toml", text, directory=folder)
-        if "[plan.tests" in text:
-            candidates_of(case)
     except jb.CaseError as error:
         return lines_of(str(error).replace(f"{folder}/", "")), True
     return [f"case.toml:{warning.line}: {warning}" for warning in case.warnings], False

@@ -207,14 +207,6 @@ def test_natural_frequencies_may_come_from_an_uncertain_structure_with_noise_of_
     assert (list(case.uncertain.given), case.noise.scale) == ([name], "sampled")
 
 
-def test_a_plan_without_lists_takes_the_translations_that_can_move_and_the_measured_inputs():
-    case = parse_case(GOOD.replace("supports = []", 'supports = ["4:y"]').replace("elements = 10", "elements = 10 #"))
-    assert case.plan_outputs == tuple(f"{node}:y" for node in (1, 2, 3, 5, 6, 7, 8, 9, 10, 11))
-    assert case.plan_inputs == ("11:y",)
-    chosen = parse_case(f'{GOOD}\n[plan]\noutputs = ["11:rz", "6:y"]\ninputs = ["6:y"]\n')
-    assert (chosen.plan_outputs, chosen.plan_inputs) == (("11:rz", "6:y"), ("6:y",))
-
-
 def test_an_integer_is_accepted_where_a_number_is_meant():
     assert isinstance(parse_case(GOOD.replace("length_mm = 383.0", "length_mm = 383")).structure.length_mm, float)
 

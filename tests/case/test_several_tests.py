@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.case.parse import parse_case, parse_tests
-from jointbayes.studies.planning.case_candidates import candidates_of
 from tests.case.refusal_rows import case_text_named, parts_named
 from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
 from tests.one_line import refused
@@ -173,11 +172,6 @@ def test_a_factor_that_is_integrated_out_is_each_tests_own():
     built("[tests.long]\n[tests.short.noise]\nscale = 'integrated'\n")
 
 
-def test_a_plan_may_propose_tests_to_a_lone_test_whose_noise_is_integrated_out():
-    case = built("[noise]\nscale = 'integrated'\n[plan.tests.short.structure]\nlength_mm = 200.0\n")
-    assert [one.name for one in candidates_of(case) if one.test] == ["short"]
-
-
 def test_a_test_named_like_a_joint_is_refused():
     text = BASE.replace("[joint]", "[joints.clamp]").split("[prior]")[0] + "[data]" + BASE.split("[data]")[1]
     text = text.replace("truth = {", "truth = {stiffness = {clamp = {").replace("1.52e6}", "1.52e6}}}")
@@ -185,23 +179,11 @@ def test_a_test_named_like_a_joint_is_refused():
         jb.case_from_text("case", text + "[tests.clamp]\n")
 
 
-OWN_EACH = "[tests.loose]\n[tests.tight.structure]\nlength_mm = 200.0\n"
-OWN_BASE = BASE.replace('dofs = ["1:y", "1:rz"]', 'dofs = ["1:y", "1:rz"]\nown = true')
-
-
-def test_a_plan_may_be_for_a_stiffness_of_any_test():
-    assert built(OWN_EACH, OWN_BASE).plan_parameter == "loose.k12"
-    for name in ("loose.k22", "tight.k11"):
-        assert built(f'[plan]\nparameter = "{name}"\n' + OWN_EACH, OWN_BASE).plan_parameter == name
-    line = refused(lambda: built('[plan]\nparameter = "k22"\n' + OWN_EACH, OWN_BASE), jb.CaseError)
-    assert re.match(r'case:\d+: plan.parameter: found "k22"; expected .*"loose.k11", "loose.k12", .*"tight.k22"', line)
-
-
 def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
     """So are the lists and tables that name them, and what a case takes of the one that it builds on."""
-    today = BASE + TWO + '\n[plan.tests.mid.structure]\nlength_mm = 250.0\n[left_out]\ntests = ["short"]\n'
+    today = BASE + TWO + '\n[left_out]\ntests = ["short"]\n'
     older = re.sub(r"(?<=[\[.])tests(?=[.\]])|(?<=\n)tests(?= =)", "setups", today)
-    assert (older.count("setups"), parse_tests(older)) == (5, parse_tests(today))
+    assert (older.count("setups"), parse_tests(older)) == (4, parse_tests(today))
     (tmp_path / "older.toml").write_text(older, encoding="utf-8")
     (tmp_path / "over.toml").write_text(
         'extends = "older.toml"\nremove = ["setups.short", "left_out"]\n', encoding="utf-8"

@@ -4,7 +4,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case_text import case_text, drop_inherited, texts_of_tests
-from jointbayes.case.parse import parse_planned, parse_tests
+from jointbayes.case.parse import parse_tests
 from tests.case.test_bodies import TEXT as MEASURED
 from tests.case.test_several_tests import BASE, HEARD, TWO, built
 from tests.case.test_structures import SPINDLE, text_of
@@ -101,17 +101,3 @@ def test_of_the_quantities_of_bodies_only_that_which_a_test_cannot_have_is_left_
     found, rest = drop_inherited(texts_of_tests(case_text(text + "[tests.a]\n", "case"))["a"], key)
     assert (found, rest.data["uncertain"]["bodies"]) == (key, {"tool": {}, "holder": {"density": {"sd_percent": 2.0}}})
     assert "youngs_modulus" in rest.data["uncertain"]
-
-
-def test_a_proposed_test_has_no_level_of_those_that_were_made():
-    made = "[level]\nname = 'torque'\n[tests.low]\nlevel = 5.0\n[tests.high]\nlevel = 20.0\n"
-    source = case_text(f"{BASE}{made}[plan.tests.new.structure]\nlength_mm = 200.0\n", "case")
-    assert {name: spec.structure.length_mm for name, spec in parse_planned(source).items()} == {"new": 200.0}
-
-
-def test_a_test_is_proposed_beside_other_data_than_frfs_if_it_states_none():
-    plan = "[plan.tests.new.structure]\nlength_mm = 200.0\n"
-    measured = BASE.split("[data]")[0] + "[data]" + MEASURED.split("[data]")[1]
-    assert list(parse_planned(case_text(measured + plan, "case"))) == ["new"]
-    line = fault(f"{measured}{plan}[plan.tests.new.data]\nf_max_hz = 100.0\n")
-    assert ': plan.tests.new.data: found a table beside data of kind = "measured_frf"' in line

@@ -420,18 +420,12 @@ def test_commands_look_for_garbage_seldom():
         gc.set_threshold(*before)
 
 
-@pytest.mark.parametrize("stated", ["1e9", "k11=stiff", "k11"])
-def test_an_assumed_joint_that_is_no_name_and_number_is_refused_in_one_line(stated):
-    result = cli("plan", CONFIGS / "clamped_beam.toml", "--assume", stated)
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert f"--assume: found '{stated}'; expected a quantity of the joint and its value, as in k11=1e9" in result.stderr
-
-
 @pytest.mark.parametrize(("line", "said"), [
     ("calibrate case.toml", "calibrate: it was removed: simulation-based calibration checks the program"),
     ("campaign joints.csv --draws 400", "--draws: it was removed: leave it out"),
     ("campaign joints.csv --again", "--again: it was removed: leave it out"),
+    ("plan case.toml --assume k11=1e9", "--assume: it was removed: leave it out"),
+    ("plan case.toml --out planned", "--out: it was removed: leave it out"),
 ])  # fmt: skip
 def test_what_went_is_refused_by_what_to_do_instead(line, said):
     result = cli(*line.split())

@@ -49,7 +49,7 @@ COMMANDS = {
     "identify": (["identify", CASE], {0}),
     "check": (["check", CASE], {0, 1, 2}),
     "compare": (["compare", CASE, "wrong.toml"], {2}),
-    "plan": (["plan", CASE, *(f"--assume={k}" for k in ("k11=1e9", "k12=1e7", "k22=1e6"))], {0, 2, 3}),
+    "plan": (["plan", CASE], {0, 2, 3}),
     "inspect": (["inspect", TABLE, "--figure", f"f{ON_TERMINAL}.svg"], {0, 2}),
     "simulate": (["simulate", CASE, "--out", f"s{ON_TERMINAL}.csv"], {0, 2}),
     "init": (["init", f"new{ON_TERMINAL}.toml"], {0}),

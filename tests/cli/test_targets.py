@@ -24,7 +24,6 @@ COMMANDS = {
     "report": ("report", "draws.nc", "--out"),
     "export": ("export", "draws.nc", "--format", "nastran", "--to"),
     "compare": ("compare", "clamp.toml", "--out"),
-    "plan": ("plan", "clamp.toml", "--out"),
     "campaign": ("campaign", "clamp.toml", "--out"),
 }
 TARGETS = {
@@ -44,7 +43,6 @@ WORK = (
     "jointbayes.report.run_directory.write_run",
     "jointbayes.report.export.export",
     "jointbayes.studies.compare.compare",
-    "jointbayes.studies.planning.make_plan.sample",
     "jointbayes.studies.campaign.run_cases",
 )
 
@@ -194,7 +192,7 @@ def test_what_is_read_is_never_replaced(user, command, read, way):
     assert f"{target}: found the file that is read; expected another one; choose another --" in result.stderr
 
 
-@pytest.mark.parametrize("command", ["run", "compare", "plan", "campaign"])
+@pytest.mark.parametrize("command", ["run", "compare", "campaign"])
 def test_a_directory_that_holds_what_is_read_is_not_written(user, command):
     Path("out").mkdir()
     shutil.copy("virtual.toml", "out/case.toml")

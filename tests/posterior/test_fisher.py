@@ -9,7 +9,7 @@ from jointbayes.frf import Ports, synthesise_frf
 from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, Normal, Problem, Uniform
 from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
-from jointbayes.posterior.first_look import FisherInformation, fisher_information
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from tests.conftest import TABLE_3, pair_matrix
 from vibrecords import RelativeNoise
 

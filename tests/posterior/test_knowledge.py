@@ -459,12 +459,12 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
     text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
     kept = stored_value(KeptKnowledge, json.loads(text), "")
-    for name in ("_profiles", "effect_of_uncertain_inputs", "next_step"):
+    for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))
     again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed
-    assert again.next_step == gathered.next_step is not None
+    assert again.next_steps == gathered.next_steps != ()
     for one, other in zip(again.profiles, gathered.profiles, strict=True):
         assert one.coordinate == other.coordinate
         assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)

@@ -5,7 +5,7 @@ import pytest
 from scipy import optimize
 
 import jointbayes as jb
-from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.limits import FALL_PRINTED, LikelihoodRegion
 from tests.conftest import cheap_text, edited
 

@@ -9,20 +9,11 @@ import pytest
 import jointbayes as jb
 from jointbayes.posterior import RunRecord, package_versions
 from jointbayes.posterior.evidence import Evidence
-from jointbayes.posterior.first_look import Linearised
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.sampling import Draws
 from jointbayes.studies.campaign import campaign_page
 from jointbayes.studies.compare import Comparison, WeighedModel, build_comparison_report
-from jointbayes.studies.planning.case_candidates import candidates_of
-from jointbayes.studies.planning.plan_report import (
-    Plan,
-    PlannedMeasurement,
-    SimulatedPosterior,
-    Simulation,
-    build_plan_report,
-)
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, of_case, shipped_text
 from tests.studies.test_campaign import row_of
@@ -82,16 +73,6 @@ def comparison(text=""):
     return build_comparison_report(Comparison(tuple(models), 1, text or "frequencies").summary())
 
 
-def plan(case, text=""):
-    now = SimulatedPosterior(1.0, "not identified", 1e4, "reweighting")
-    named = {"name": text, "words": text, "position": text} if text else {}
-    measured = tuple(
-        PlannedMeasurement((replace(candidate, **named),), Linearised((text,), np.array([0.5])), Simulation((now,)))
-        for candidate in candidates_of(case)[:3]
-    )
-    return build_plan_report(Plan(text or "cheap", text or "Clamp", 1, "k12", now, measured, False, text).summary())
-
-
 def campaign(text="SN-7"):
     rows = [row_of(serial=text), row_of(key="b", converged=False), row_of(key="c", status="failed", error=text)]
     return campaign_page(f"campaign {text}", rows)
@@ -118,6 +99,5 @@ def every_report(cheap_case, cheap_inputs, frequency_posterior, tmp_path_factory
         "frequencies": report_of(frequency_posterior),
         "frame": report_of(made_up("frame", frame, tuple(truth.values()))),
         "comparison": comparison(),
-        "plan": plan(cheap_case),
         "campaign": campaign(),
     }

@@ -199,7 +199,6 @@ REPORTS = {
         several.OWN + several.TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n", 0.001
     ),
     "comparison": lambda _: kinds.comparison(),
-    "plan": lambda p: kinds.plan(p.case),
 }
 
 

@@ -13,7 +13,7 @@ from jointbayes.report import render_html, render_pdf
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.conftest import of_case
 from tests.hostile import beacons, browser, in_page, opened
-from tests.report.conftest import campaign, comparison, plan
+from tests.report.conftest import campaign, comparison
 from vibrecords import MeasuredFile
 from vibrecords.provenance import ChannelUse, MeasurementWarning, Provenance
 from vibrecords.records import FrfRecord
@@ -104,7 +104,7 @@ def test_hostile_studies_run_nothing_and_ask_for_nothing(tmp_path, cheap_case):
     with beacons() as (port, asked):
         text = in_page(port)
         for place, report in (
-            ("compare", comparison(text)), ("plan", plan(cheap_case, text)),
+            ("compare", comparison(text)),
             ("campaign", campaign(text.replace("\x00", ""))),
         ):  # fmt: skip
             path = tmp_path / f"{place}.html"

@@ -32,7 +32,7 @@ def found(patterns, text):
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("name", ["main", "uncertain", "tests", "frequencies", "frame", "plan", "comparison"])
+@pytest.mark.parametrize("name", ["main", "uncertain", "tests", "frequencies", "frame", "comparison"])
 def test_a_report_is_in_plain_words(reports, name):
     assert found(NOT_SAID + NOT_REPORTED, page_text(reports[name])) == []
 

@@ -22,7 +22,7 @@ REASON = "NOT CHECKED: playwright is not installed to look at pages in a browser
 VIEWS = ("Magnitude", "Linear", "dB", "Phase", "Real", "Imaginary", "Nyquist")
 WIDTHS = (360, 768, 1280, 2560)
 LIKE_MAIN = ("uncertain", "tests", "frequencies", "frame")  # of the same sections
-NAMES = ("main", "uncertain", "tests", "frequencies", "frame", "comparison", "plan", "campaign")
+NAMES = ("main", "uncertain", "tests", "frequencies", "frame", "comparison", "campaign")
 
 
 @pytest.fixture(scope="module")

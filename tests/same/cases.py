@@ -22,7 +22,6 @@ DEAR = ("spindle_measured", "eighteen_storeys", "portal_frame", "spindle_tool", 
 #: Lines farther apart, where there are many unknowns. Nothing else is changed in any case.
 THINNED: dict[str, Edits] = {
     "lapped_beams": (("f_step_hz = 5.0", "f_step_hz = 25.0"),),
-    "next_setup": (("f_step_hz = 2.0", "f_step_hz = 10.0"),),
     "portal_frame": (("f_step_hz = 2.0", "f_step_hz = 20.0"),),
     "spindle_tool": (("f_step_hz = 10.0", "f_step_hz = 50.0"),),
     "two_overhangs": (("f_step_hz = 2.0", "f_step_hz = 8.0"),),

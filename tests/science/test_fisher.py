@@ -12,7 +12,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve
-from jointbayes.posterior.first_look import FisherInformation, fisher_information
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.structure import beam
 from tests.conftest import CLAMP, CONFIGS, STEEL, TABLE_3, edited, pair_matrix, rod

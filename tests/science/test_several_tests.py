@@ -9,7 +9,7 @@ from benchmarks import several_tests as study
 from benchmarks.several_tests import BOTH, CLAMP, LINES, MID, SHORT, TABLE, TIP, TRUTH, linearised, part_sd, problem_of
 
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.structure import BeamMaterial, BeamRecipe, ModalDamping, Section
 from jointbayes.workflow import sample
 from tests.conftest import pair_matrix

@@ -4,14 +4,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import jointbayes as jb
+from jointbayes.cli.commands import main
+from jointbayes.studies.plan import Plan
 from jointbayes.studies.same import JointChange
 from tests.conftest import cli
 from tests.studies.calibration_cases import FREQUENCIES, TEXT
 from tests.studies.test_comparison import made_up
-from tests.studies.test_planning import planned, simulated
 from tests.studies.test_same import UNCHANGED
 
 
@@ -34,7 +37,7 @@ def _here(tmp_path, monkeypatch):
     ("same none.toml case.toml", "no such file"), ("same none case.toml", "no such file"),
     ("campaign none.csv", "No such file"), ("plan none.toml", "no such file"),
     *((f"{command} {'peaks' if command == 'compare' else 'case'}.toml --out full", "holds other files")
-      for command in ("compare", "plan", "campaign")),
+      for command in ("compare", "campaign")),
 ])  # fmt: skip
 def test_bad_input_is_refused_in_one_line_before_anything_is_computed(line, said, tmp_path, monkeypatch):
     for work in ("workflow.find_map", "workflow.sample", "studies.campaign.run_tasks"):
@@ -51,8 +54,7 @@ CHANGE = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
 @pytest.mark.parametrize(("line", "work", "answer", "code", "said"), [
     ("compare peaks.toml", "studies.compare.compare",
      jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, ""), 3, "NOT TRUSTED"),
-    ("plan case.toml", "studies.planning.make_plan.plan", planned(converged=False, a=simulated(0.1, 0.1)), 3,
-     "No recommendation: the calculation for the data in hand has not settled."),
+    ("plan case.toml", "studies.plan.plan", Plan((), "Raise max_steps", False), 3, "Raise max_steps"),
     *(("same case.toml case.toml --json --quiet", "studies.same.compare_joints", replace(CHANGE, **wish), code, said)
       for wish, code, said in (({}, 0, '"k22"'), ({"changed": True}, 1, '"k22"'),
                                ({"converged": False, "changed": True, "reason": "no"}, 3, "NOT CONVERGED"))),
@@ -65,3 +67,15 @@ def test_the_exit_code_says_what_was_found(line, work, answer, code, said, tmp_p
         told = json.loads(result.stdout)
         assert told["stiffness"][0]["name"] == "k22"
         assert ("NOT CONVERGED, DO NOT USE THESE NUMBERS: no" in told["messages"]) == (code == 3)
+
+
+def test_a_fault_of_the_program_has_an_exit_code_that_means_nothing_else(monkeypatch):
+    monkeypatch.delenv("JOINTBAYES_DEBUG", raising=False)
+    monkeypatch.setattr("jointbayes.studies.same.compare_joints", lambda *_: np.zeros(0).reshape(0, -1))
+    result = CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--quiet"])
+    assert (result.exit_code, result.stdout) == (70, "")
+    assert result.stderr.startswith("jointbayes: a bug in jointbayes: found ValueError in test_commands.py:")
+    assert result.stderr.endswith("please report it, with the case and what JOINTBAYES_DEBUG=1 prints\n")
+    assert result.stderr.count("\n") == 1
+    told = json.loads(CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--json"]).stdout)
+    assert (told["exit_code"], len(told["errors"])) == (70, 1)

@@ -29,7 +29,7 @@ from jointbayes.case.case_objects import (
     top_of,
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, texts_of_tests
-from jointbayes.case.parse import first_joined, needs_files, parse_planned, parse_tests
+from jointbayes.case.parse import first_joined, needs_files, parse_tests
 from jointbayes.case.plausibility import (
     input_warnings,
     level_warnings,
@@ -37,13 +37,13 @@ from jointbayes.case.plausibility import (
     sign_warnings,
     truth_warnings,
 )
-from jointbayes.case.spec.fields import DATA_FILE, either, show_key
+from jointbayes.case.spec.fields import DATA_FILE, show_key
 from jointbayes.case.spec.prior_tables import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_tables import ImportedSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line, toml_text
-from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require, similar
+from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_numbering
 from jointbayes.inference import ErrorSizes, Problem
@@ -112,28 +112,6 @@ class Case:
     def reference_source(self) -> str:
         """Where the published stiffnesses are from; empty without any."""
         return self.spec.reference.source if self.spec.reference else ""
-
-    @property
-    def plan_parameter(self) -> str:
-        """The stiffness that a further measurement is to determine; by default the first coupling, or the first.
-
-        Raises
-        ------
-        CaseError
-            If the problem has no such stiffness: `replace` may have put another one in its place.
-        """
-        quantities = self.problem.parametrisation.quantities
-        names = [quantity.name for quantity in quantities]
-        stated = next((test.spec.plan.parameter for test in self.tests if test.spec.plan.parameter), "")
-        wanted = stated or self.spec.plan.parameter
-        if not names or (wanted and wanted not in names):
-            fault = f'found "{wanted}"' if names else "found no stiffness in the joint"
-            expected = "the stiffness to be known best"
-            expected += ", " + either(f'"{name}"' for name in names) if names else ""
-            nearest = similar(wanted, names)
-            remedy = f'did you mean "{nearest}"?' if nearest else "correct it or plan another problem"
-            raise CaseError(self.source.fault(("plan", "parameter"), fault, expected, remedy))
-        return wanted or next((quantity.name for quantity in quantities if quantity.may_be_negative), names[0])
 
     @property
     def measured_frequencies_hz(self) -> tuple[float, ...] | None:
@@ -348,17 +326,13 @@ def _build(name: str, source: CaseText, directory: Path, data: Data | None, allo
         _one_test(test, CaseHome(directory, texts[test], allow_outside), spec, data)
         for test, spec in parse_tests(source).items()
     ]
-    parse_planned(source)  # what is wrong in a proposed test is told now
     first = next(test for test in tests if test.spec.joined)
     with _told_of(first.source if len(tests) == 1 else source, first.spec) as tell:
         tell("prior")
         problem = problem_of(tests, name)
         tell("structure")
         problem.log_posterior  # noqa: B018 (built here so that a DOF that does not exist is found now)
-    case = Case(name, source, first.spec, problem, problem, tuple(tests))
-    if any(test.spec.plan.parameter for test in tests):
-        _ = case.plan_parameter  # one that no joint has is refused now
-    return case
+    return Case(name, source, first.spec, problem, problem, tuple(tests))
 
 
 def _one_test(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> CaseTest:

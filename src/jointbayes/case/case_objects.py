@@ -688,7 +688,7 @@ def top_of(spec: CaseSpec, data: Data | None) -> float:
 def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz: float) -> CaseSpec:
     """A case of an imported model with that read and reduced.
 
-    Everything that the case may ask of the model is reduced at once: ports, nodes that joints, data and plan name, up
+    Everything that the case may ask of the model is reduced at once: ports, nodes that joints and data name, up
     to the highest line. Tests of one structure share one reduction.
 
     Parameters
@@ -716,7 +716,6 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     stamps = {key: _stamp(home.directory / name, key) for key, name in structure.file_keys.items()}
     model = _read(tuple(stamps.items()), structure.length_unit)
     labels = [*dofs, *spec.data.loaded, *itertools.chain(*spec.data.labelled.values())]
-    labels += [*spec.plan.outputs, *spec.plan.inputs]
     named = dict.fromkeys(point for label in labels if (point := label.rpartition(":")[0]) not in structure.ports)
     ports = {name: _port(port, model, name) for name, port in structure.ports.items()}
     ports |= {point: Port((int(point),)) for point in named if point.isdecimal()}

@@ -338,16 +338,6 @@ def texts_of_tests(source: CaseText) -> dict[str, CaseText]:
     return _texts_below(source, source.data, (_TESTS,)) or {"": source}
 
 
-def planned_texts(source: CaseText) -> dict[str, CaseText]:
-    """The text of each test that a plan proposes, ``[plan.tests.NAME]``, by its name; errors as `texts_of_tests`."""
-    texts = _texts_below(source, source.data.get("plan"), ("plan", _TESTS))
-    others = ("plan", "level", "assembly", "reference")  # of the case, beside which a proposed test is one
-    return {
-        name: replace(text, data={k: v for k, v in text.data.items() if k not in others} | {_TESTS: {name: {}}})
-        for name, text in texts.items()
-    }
-
-
 def _texts_below(source: CaseText, table: object, path: tuple[str, ...]) -> dict[str, CaseText]:
     stated = table.get(_TESTS) if isinstance(table, Mapping) else None
     tables = stated.items() if isinstance(stated, Mapping) else ()
@@ -379,9 +369,9 @@ def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
 def drop_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
     """The text of a test without a table that stands for all, and its key; None where it is not such a table.
 
-    An uncertain quantity that a test does not have, a plan, a virtual test: those of the others are none of it.
+    An uncertain quantity that a test does not have, a virtual test: those of the others are none of it.
     """
-    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "plan": 1, "virtual_test": 1}
+    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "virtual_test": 1}
     depth = depths.get(str(path[0])) if path else None
     key = tuple(map(str, path[:depth]))
     if not text.test or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):

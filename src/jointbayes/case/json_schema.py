@@ -47,9 +47,9 @@ def case_schema() -> dict[str, Any]:
     relaxed = {f"{name}-changes": _prepared(table, given, "-changes") for name, table in given.items()}
     tables["Case"]["if"], tables["Case"]["then"] = {"not": {"required": ["joints"]}}, {"required": ["joint"]}
     changes = relaxed["Case-changes"]
-    for test in ("TestSpec-changes", "PlannedTestSpec-changes"):
-        for name in relaxed[test]["properties"].keys() & changes["properties"].keys() - {"remove", "joined"}:
-            relaxed[test]["properties"][name] = changes["properties"][name]
+    test = relaxed["TestSpec-changes"]["properties"]
+    for name in test.keys() & changes["properties"].keys() - {"remove", "joined"}:
+        test[name] = changes["properties"][name]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Case file of jointbayes",

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from jointbayes.case.case_text import CaseText, case_text, drop_inherited, planned_texts, texts_of_tests
+from jointbayes.case.case_text import CaseText, case_text, drop_inherited, texts_of_tests
 from jointbayes.case.spec.fields import (
     DATA_FILE,
     UNITS,
@@ -409,7 +409,7 @@ def first_joined(specs: Iterable[CaseSpec]) -> CaseSpec:
 def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]:
     """Read each test of a case by its name; a case of one test has one without a name.
 
-    Parameters and errors are those of `parse_case`. What the file says for all tests of an uncertain quantity, a plan
+    Parameters and errors are those of `parse_case`. What the file says for all tests of an uncertain quantity
     or a virtual test is left out of those that cannot have it, as long as another one can.
     """
     source = case_text(text, name) if isinstance(text, str) else text
@@ -426,20 +426,6 @@ def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]
     return specs
 
 
-def parse_planned(source: CaseText) -> dict[str, CaseSpec]:
-    """Read each test that the plan of a case proposes by its name; errors are those of `parse_case`."""
-    texts = planned_texts(source)
-    if not texts:
-        return {}
-    specs, faults, _ = _checked_each(texts)
-    faults += [_told(texts[name], finding) for name, spec in specs.items() for finding in _own_unknowns(spec)]
-    if not faults:
-        between = shared_findings(parse_tests(source) | specs, texts_of_tests(source) | texts)
-        faults = [_told(texts[name], finding) for name, finding in between if name in texts]
-    _raise_faults(faults)
-    return specs
-
-
 def _raise_faults(faults: Sequence[str]) -> None:
     if faults:
         raise CaseError("\n".join(dict.fromkeys(faults)))
@@ -448,16 +434,6 @@ def _raise_faults(faults: Sequence[str]) -> None:
 def _told(text: CaseText, finding: Finding) -> str:
     """A fault between tests in one line."""
     return text.fault(finding.loc, finding.found, finding.expected, finding.remedy)
-
-
-def _own_unknowns(spec: CaseSpec) -> Iterator[Finding]:
-    """Yield where a proposed test says that a joint, or its noise, is its own."""
-    ending, remedy = "of its own, of which the present data say nothing", "remove own, or the test from the plan"
-    for name, joint in spec.all_joints.items():
-        if joint.own:
-            yield Finding((*joint_table(name), "own"), f"found a joint {ending}", "one that tests share", remedy)
-    if spec.noise.own and spec.noise.inferred:
-        yield Finding(("noise", "own"), f"found parameters of the noise {ending}", "those that tests share", remedy)
 
 
 def _checked_each(

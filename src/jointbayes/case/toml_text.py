@@ -169,7 +169,7 @@ def fault_start(name: str, line: int) -> str:
 
 _Part = TypeVar("_Part", str, str | int)
 #: Tables in which older case files say `setups` for `tests`.
-_TABLES_OF_TESTS: tuple[KeyPath, ...] = ((), ("plan",), ("left_out",))
+_TABLES_OF_TESTS: tuple[KeyPath, ...] = ((), ("left_out",))
 
 
 def _name_of_today(path: tuple[_Part, ...]) -> tuple[_Part, ...]:

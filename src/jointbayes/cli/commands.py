@@ -49,7 +49,7 @@ def _well_behaved(*, json: bool) -> Iterator[None]:
             context = click.get_current_context(silent=True)
             told = {**manner().told, "errors": [{"message": error.format_message()}]}
             print_json({"command": context and context.invoked_subcommand, "exit_code": error.exit_code, **told})
-        raise
+        raise error from None
 
 
 @contextmanager
@@ -85,7 +85,7 @@ class _Commands(click.Group):
         return context
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in WENT:
+        if cmd_name in WENT and cmd_name not in self.commands:
             raise click.UsageError(f"{cmd_name}: it was removed: {WENT[cmd_name]}", ctx)
         return super().get_command(ctx, cmd_name)
 

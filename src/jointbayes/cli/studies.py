@@ -11,7 +11,7 @@ from jointbayes.cli import common
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
 from jointbayes.cli.targets import require_outside
-from jointbayes.errors import CaseError, WorkerError
+from jointbayes.errors import WorkerError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -144,52 +144,29 @@ def same(before: Path, new: Path, seed: int) -> None:
         sys.exit(common.NOT_MATCHED)
 
 
-def _stated(text: str) -> tuple[str, float]:
-    """Name and value of NAME=VALUE."""
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        raise CaseError(
-            f"--assume: found {text!r}; expected a quantity of the joint and its value, as in k11=1e9; correct it"
-        ) from None
-
-
-@open_option
 @click.command()
-@common.config_argument
+@click.argument("given", metavar="GIVEN", type=click.Path(path_type=Path))
 @common.outside_option
-@click.option("--out", type=click.Path(path_type=Path), help="Directory; by default reports/NAME-plan.")
-@click.option(
-    "--assume", multiple=True, metavar="NAME=VALUE",
-    help="Plan for this joint, not the one found: one for each of its quantities, as in --assume k11=1e9.",
-)  # fmt: skip
 @common.seed_option
-def plan(config: Path, out: Path | None, assume: tuple[str, ...], seed: int | None) -> None:
-    """Recommend what to measure next, from simulated further measurements.
+def plan(given: Path, seed: int | None) -> None:
+    """Rank further measurements: "Next" of the report's page one in full, with price and gain of each.
 
-    Simulations that are done are kept in the directory: the same command goes on where it was cut off.
+    GIVEN is a case file, which is sampled first, a posterior file or a run directory.
 
     \b
     Examples:
       jointbayes plan my_case.toml
-      jointbayes plan my_case.toml --assume k11=1e9 --assume k12=1e7 --assume k22=1e6
+      jointbayes plan reports/my_case
     """
-    stated = dict(_stated(text) for text in assume)
-    case = common.load(config)
-    from jointbayes.studies.planning.make_plan import plan as ranked
-    from jointbayes.studies.planning.plan_report import A_PLAN, plan_lines
+    case = common.load(given) if given.suffix == ".toml" else None
+    from jointbayes.studies.plan import plan as ranked
+    from jointbayes.workflow import load_posterior
 
-    directory = out or Path("reports") / f"{common.directory_name(case.name, config)}-plan"
-    _require_place(directory, A_PLAN)
-    manner().unfinished = f"what is done is kept in {directory}; the same command goes on"
     with show_progress() as progress:
-        result = ranked(case, seed=seed, assume=stated or None, directory=directory, progress=progress)
-    result.write(directory)
-    manner().result |= result.summary()
-    for line in plan_lines(result):
+        result = ranked(case or load_posterior(common.posterior_file(given)), seed=seed, progress=progress)
+    manner().result |= result.as_json()
+    for line in result.lines:
         say(line)
-    report_written(directory)
     if not result.converged:
         sys.exit(common.NOT_CONVERGED)
 

@@ -38,7 +38,7 @@ from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, summary_sentence
-from jointbayes.posterior.first_look import fisher_information
+from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
@@ -523,15 +523,8 @@ class KeptKnowledge:
         own.
     simpler
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
-    next_steps
-        One or none, a forecast of what to measure next, with all else as in a workshop where `workshop` is not None;
-        none where nothing that was looked at would help, the draws have not converged, or the model does not explain
-        the data.
     directions
         Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
-    decides
-        Which uncertain input matters most; None where there are fewer than two, or no stiffness is known with all of
-        them exact.
     mesh
         What the elements of the model do to the result; None where the structure is given by its matrices.
     diagnoses
@@ -542,9 +535,7 @@ class KeptKnowledge:
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
     simpler: tuple[SimplerJoint, ...] | None = None
-    next_steps: tuple[NextStep, ...] | None = None
     directions: tuple[NamedDirection, ...] | None = None
-    decides: WhatDecides | None = None
     mesh: MeshCheck | None = None
     diagnoses: tuple[Diagnosis, ...] | None = None
 
@@ -557,9 +548,20 @@ class Knowledge(KeptKnowledge):
     ----------
     check
         Posterior predictive check.
+    next_steps
+        Forecasts of further measurements, the best first, with all else as in a workshop where `workshop` is not None;
+        empty where the draws have not converged, or the model does not explain the data.
+    advice
+        What to do next, in words: the first of `next_steps`, or what comes before any further measurement.
+    decides
+        Which uncertain input matters most; None where there are fewer than two, or no stiffness is known with all of
+        them exact.
     """
 
     check: PredictiveCheck
+    next_steps: tuple[NextStep, ...] = ()
+    advice: str = ""
+    decides: WhatDecides | None = None
     simpler: tuple[SimplerJoint, ...] = ()
     directions: tuple[NamedDirection, ...] = ()
 
@@ -567,11 +569,6 @@ class Knowledge(KeptKnowledge):
     def kept(self) -> KeptKnowledge:
         """What took time to find, as `Posterior.save` keeps it."""
         return KeptKnowledge(**{each.name: getattr(self, each.name) for each in fields(KeptKnowledge)})
-
-    @property
-    def next_step(self) -> NextStep | None:
-        """The forecast of what to measure next, if there is one."""
-        return next(iter(self.next_steps or ()), None)
 
     @property
     def workshop(self) -> Mapping[str, Identifiability] | None:

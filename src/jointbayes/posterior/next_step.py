@@ -1,82 +1,75 @@
-"""What to measure next: the further measurement that would tell most of the stiffness that is known least.
+"""What to measure next: further measurements, ranked by how well they would tell the stiffness that is known least.
 
-A first look, linearised about a few draws, among what needs nothing new but a sensor or time: `jointbayes plan`
-simulates the measurements and knows of more kinds.
+Linearised: the Fisher information of the data in hand plus that of the further ones, about a few draws.
 """
 
-import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.errors import JointBayesError
-from jointbayes.frf import Ports
 from jointbayes.inference import Problem
-from jointbayes.joint import Joints
 from jointbayes.posterior.any_posterior import AnyPosterior
+from jointbayes.posterior.candidates import candidates_of
 from jointbayes.posterior.coordinates import by_names
-from jointbayes.posterior.first_look import (
-    FREE,
-    FREE_WORDS,
-    RELATIVE_CALIBRATION,
-    Candidate,
-    FirstLook,
-    ModalCandidate,
-    as_measured,
-    estimated_law,
-    is_worth_hitting_free,
-    modes_hit_free,
-    repeated,
-    scatter,
-)
+from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
 from jointbayes.posterior.phrases import WORKSHOP
 from jointbayes.rounding import percent, sentence_start
-from vibrecords import ModalData
+from vibrecords.arrays import Array
 
-#: Places of one further sensor that are looked at in each test.
-_MOST_PLACES = 8
-_AVERAGES = 4.0
 _DRAWS = 5
-#: What a measurement costs, by a word that names it.
-_PRICES = {
-    "hit free": "a test without the joint", "antiresonances": "a force and a sensor at one place",
-    "accelerometer": "a sensor and its FRF", "averages": f"{_AVERAGES:g} times the measuring time",
-    "modes": "a wider band",
-}  # fmt: skip
-#: Of a 95 % interval's half width in standard deviations; and up to which standard deviation of ln k it is told in %.
+#: Half width of a 95 % interval in standard deviations; and the largest standard deviation of ln k that is said in %.
 _HALF_WIDTH, _SMALL = 1.96, 0.2
 #: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
 _LEAST_GAIN = 1.15
 #: Standard deviations of ln k beyond which nothing is known of a stiffness, and up to which a forecast is worth a word:
 #: 0.1 to 10 times.
-_LARGEST, _WORTH_SAYING = 3.0, math.log(10.0) / 1.96
+_LARGEST, WORTH_SAYING = 3.0, math.log(10.0) / 1.96
 
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """A forecast: which measurement, and the standard deviation of ln of a stiffness before and after it.
+    """A forecast: a further measurement, and the standard deviation of ln of a stiffness before and after it.
 
-    Both are linearised; `words` name the measurement in a sentence, `names` is empty where the run's other quantities
-    are as it takes them, else the quantities that are uncertain in the forecast though the run takes them as exact.
+    Parameters
+    ----------
+    quantity
+        Name of the stiffness.
+    words, price
+        The measurement and what it costs, for a sentence.
+    sd_before, sd_after
+        Linearised.
+    names
+        Quantities that are uncertain in the forecast though the run takes them as exact; empty where there are none.
     """
 
     quantity: str
     words: str
+    price: str
     sd_before: float
     sd_after: float
     names: tuple[str, ...] = ()
 
     @property
+    def gain(self) -> float:
+        """How many times smaller the standard deviation becomes; of what is unknown before, from 0.05 to 20 times."""
+        return min(self.sd_before, _LARGEST) / min(self.sd_after, _LARGEST)
+
+    @property
+    def is_worth_it(self) -> bool:
+        """Whether the stiffness is then known, and much better than before."""
+        return self.sd_after <= WORTH_SAYING and self.sd_before > _LEAST_GAIN * self.sd_after
+
+    @property
     def sentence(self) -> str:
         """The step with what it should bring, said to be an estimate, and its price."""
         rest = f" with {WORKSHOP}" if self.names else ""
-        price = next(price for word, price in _PRICES.items() if word in self.words)
         return (
             f"{sentence_start(self.words)} should give {self.quantity} to {spread_in_words(self.sd_after)}"
-            f"{rest} (95 %, an estimate). It costs {price}; `jointbayes plan` simulates it."
+            f"{rest} (95 %, an estimate). It costs {self.price}; jointbayes plan ranks the others."
         )
 
 
@@ -94,8 +87,10 @@ def spread_in_words(sd: float) -> str:
     return f"{'' if sd <= _LARGEST else 'beyond '}{low:g} to {high:g} times"
 
 
-def next_step(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Identifiability]) -> NextStep | None:
-    """The further measurement that would tell most of the stiffness that is known least.
+def next_steps(
+    posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Identifiability]
+) -> tuple[NextStep, ...]:
+    """Rank further measurements by how well the stiffness that is known least would then be known, the best first.
 
     Parameters
     ----------
@@ -108,122 +103,59 @@ def next_step(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[st
 
     Returns
     -------
-    NextStep
-        None where nothing among what is looked at would help, it cannot be computed, or the draws have not converged.
+    tuple of NextStep
+        About the stiffness that is known least among those that a measurement would help with; about the one that is
+        known least of all where none would help. Empty where the draws have not converged, or it cannot be computed.
     """
-    problem = freed or posterior.problem
     if not posterior.record.converged:
-        return None
-    every = itertools.chain(_hit_free(problem), *map(_candidates, problem.parts))
-    candidates = {candidate.name: candidate for candidate in every}
-    if not candidates:
-        return None
+        return ()
+    # 1. Points: the mode and a few draws, with what is uncertain only here at its stated value
+    problem = freed or posterior.problem
     theta = np.vstack([posterior.estimate.theta, posterior.thinned(_DRAWS - 1)])
-    draws = by_names(theta, posterior.problem.names, problem.names)
-    least_known_first = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
+    points = by_names(theta, posterior.problem.names, problem.names)
+    # 2. What is known of each stiffness now, and after each measurement: the median over the points
     try:
-        look = FirstLook(problem, candidates, least_known_first[0], draws)
+        present = [fisher_information(problem, point) for point in points]
+        before = _spreads(present)
     except (JointBayesError, np.linalg.LinAlgError):
-        return None
-    for wanted in least_known_first:
-        look = look.of(wanted)
+        return ()
+    after: dict[tuple[str, str], dict[str, float]] = {}
+    for candidate in candidates_of(problem):
         try:
-            before = look.linearised(()).median
-            best = min((look.linearised((name,)) for name in candidates), key=lambda look: look.median)
+            more = [candidate.information(point) for point in points]
+            after[candidate.words, candidate.price] = _spreads(present, more)
         except (JointBayesError, np.linalg.LinAlgError):
-            continue
-        if best.median <= _WORTH_SAYING and before > _LEAST_GAIN * best.median:
-            names = tuple(name for name in problem.names if name not in posterior.problem.names)
-            return NextStep(wanted, candidates[best.names[0]].words, before, best.median, names)
-    return None
+            continue  # a model that cannot be evaluated there, as with more modes than it has
+    # 3. The rows of each stiffness, the least known first, until a measurement helps
+    names = tuple(name for name in problem.names if name not in posterior.problem.names)
+    wanted = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
+    rows = []
+    for k in (name for name in wanted if name in before):
+        steps = [NextStep(k, *which, before[k], sd[k], names) for which, sd in after.items()]
+        rows.append(sorted(steps, key=lambda step: step.sd_after))
+    return tuple(next((each for each in rows if each and each[0].is_worth_it), rows[0] if rows else ()))
 
 
-def _hit_free(problem: Problem) -> Iterator[Candidate]:
-    """A test of the structure without its joints, of which there is none yet, as one of the present tests is made."""
-    if not all(part.test.joints.size for part in problem.parts):
-        return
-    for part in filter(is_worth_hitting_free, problem.parts):
-        test, test_name = part.test, part.test.name or FREE
-        measured, modes = test.data.frfs, test.data.modes
-        name, words = f"{test_name} {FREE}", f"a test of {FREE_WORDS}{_of_test(part.test.name)}"
-        if measured is not None:
-            yield as_measured(part, name, words, test=test_name, joint=Joints(()))
-        elif modes is not None:
-            yield from (replace(each, name=name, words=words) for each in modes_hit_free(test, modes, test_name))
-
-
-def _of_test(test: str) -> str:
-    return f" in test {test}" if test else ""
-
-
-def _candidates(part: Problem) -> Iterator[Candidate]:
-    """Of one test: one sensor more, more averages, two modes more or two antiresonances."""
-    test, test_name = part.test, part.test.name
-    measured, modes = test.data.frfs, test.data.modes
-    of_test = _of_test(test_name)
-    if measured is not None:
-        frf, law = measured.frf, estimated_law(measured)
-        directions = dict.fromkeys(dof.rpartition(":")[2] for dof in frf.outputs if ":r" not in dof)
-        for label, place in _free_places(part, (*frf.outputs, *frf.inputs), directions):
-            words, ports = f"an accelerometer at {place}{of_test}", Ports(frf.frequency_hz, (label,), frf.inputs)
-            yield as_measured(part, f"{test_name} {label}", words, test=test_name, law=law, ports=ports)
-        more = repeated(part, _AVERAGES)
-        yield replace(
-            more, name=f"{test_name} {more.name}", words=f"{_AVERAGES:g} times the averages{of_test}", test=test_name
+def advice(posterior: AnyPosterior, steps: Sequence[NextStep]) -> str:
+    """What to do next in words: what comes before any further measurement, else the first of the steps."""
+    worst = min(zip(posterior.checks, posterior.diagnoses, strict=True), key=lambda each: each[0].smallest_p_value)
+    if not posterior.converged:
+        return f"Raise {posterior.record.limit_to_raise} in [sampling] and run again."
+    if not worst[0].explains:
+        return " ".join(worst[1].advice)
+    if posterior.solutions.advice:
+        return posterior.solutions.advice
+    if steps and steps[0].is_worth_it:
+        return steps[0].sentence
+    if posterior.problem.premises.of_modes:
+        return (
+            "None of what was looked at, two more modes, one more sensor or two antiresonances, would tell much more "
+            "by itself. A wider band with force and sensor at a second point gives several of them at once."
         )
-    elif modes is not None and test.most_modes >= max(modes.numbers) + 2:
-        last = max(modes.numbers)
-        yield ModalCandidate(
-            name=f"{test_name} modes", words=f"modes {last + 1} and {last + 2}{of_test}", test=test_name,
-            structure=test.structure, numbers=(last + 1, last + 2), relative=scatter(modes),
-        )  # fmt: skip
-        yield from _beside_modes(part, modes, of_test)
+    return "None of what was looked at, one more sensor, more averages or further modes, would tell much more."
 
 
-def _beside_modes(part: Problem, modes: ModalData, of_test: str) -> Iterator[Candidate]:
-    """Of one test whose data are modes: one sensor more, or two antiresonances of the place that moves most."""
-    test, test_name = part.test, part.test.name
-    directions = dict.fromkeys(label.rpartition(":")[2] for label in test.joints.labels if ":r" not in label)
-    places, zeros = _free_places(part, modes.dofs, directions), getattr(modes, "zeros", None)
-    known = (*getattr(modes, "references", ()), *(zeros.dofs if zeros else ()))
-    if not (places or known):
-        return
-    reference, at = (known[0], known[0]) if known else places.pop()
-    for label, place in places[2::3]:
-        yield ModalCandidate(
-            name=f"{test_name} {label}", words=f"an accelerometer at {place}, calibrated with the one at {at}{of_test}",
-            test=test_name, structure=test.structure, numbers=modes.numbers, relative=RELATIVE_CALIBRATION, dof=label,
-            reference=reference,
-        )  # fmt: skip
-    seen = zip(zeros.dofs, zeros.numbers, strict=True) if zeros else ()
-    first = 1 + max((number for dof, number in seen if dof == reference), default=0)
-    numbers = (first, first + 1)
-    if test.most_modes - 1 < first + 1:  # with that place held there is a mode less
-        return
-    how = "in a wider band" if first > 1 else "by force and sensor there"
-    words = f"antiresonances {first} and {first + 1} at {at}, {how}{of_test}"
-    yield ModalCandidate(
-        name=f"{test_name} zeros", words=words, test=test_name, structure=test.structure, numbers=numbers,
-        relative=scatter(modes), held=reference,
-    )  # fmt: skip
-
-
-def _free_places(part: Problem, measured: Collection[str], directions: Collection[str]) -> list[tuple[str, str]]:
-    """Translations at which nothing is measured, in these directions, and where each is, away from joints."""
-    test = part.test
-    positions = getattr(getattr(test.structures, "recipe", None), "positions", None) or {}
-    points = tuple(positions) or tuple(dict.fromkeys(dof.partition(":")[0] for dof in test.structures.labels))
-    taken = {dof.rpartition(":")[0] for dof in test.joints.labels}
-    every = [
-        f"{point}:{direction}" for point in points for direction in directions
-        if point not in taken and f"{point}:{direction}" not in measured
-    ]  # fmt: skip
-    chosen = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, _MOST_PLACES).astype(int))] if every else []
-    return [(dof, _place(dof, positions.get(dof.rpartition(":")[0]))) for dof in chosen]
-
-
-def _place(dof: str, position: tuple[float, float, float] | None) -> str:
-    """Where a DOF is: at so many mm along the axis of a straight structure, else at its point."""
-    if position is None or any(position[1:]):
-        return dof
-    return f"{1e3 * position[0]:.4g} mm ({dof})"
+def _spreads(present: list[FisherInformation], more: list[Array] | None = None) -> dict[str, float]:
+    """Median over points of the standard deviation of ln of each stiffness, with further information (d, d) at each."""
+    each = [fisher.with_more(0.0 if more is None else more[i]).known_to() for i, fisher in enumerate(present)]
+    return {name: float(np.median([sds[name] for sds in each])) for name in each[0]}

@@ -18,6 +18,7 @@ from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
 from jointbayes.posterior.any_posterior import Solutions
 from jointbayes.posterior.checks import PredictiveCheck, check_part
+from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
@@ -37,7 +38,7 @@ from jointbayes.posterior.knowledge import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
-from jointbayes.posterior.next_step import next_step
+from jointbayes.posterior.next_step import NextStep, advice, next_steps
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
@@ -727,14 +728,13 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
 
     What a workshop does not know exactly, for the table of what freeing it does, is that of its case, if it has one.
     """
-    kept, rows = posterior._kept_knowledge, posterior.rows
-    steps, simpler, directions = (kept.next_steps, kept.simpler, kept.directions) if kept else (None, None, None)
-    freed = posterior._workshop_problem if steps is None else None
+    kept, rows, freed = posterior._kept_knowledge, posterior.rows, posterior._workshop_problem
+    simpler, directions = (kept.simpler, kept.directions) if kept else (None, None)
     judged = {name: posterior.verdict(name) for name in posterior.stiffness_names}
-    if steps is None and all(check.explains for check in posterior.checks):
+    steps: tuple[NextStep, ...] = ()
+    if all(check.explains for check in posterior.checks):
         workshop = known_in_workshop(rows)
-        step = next_step(posterior, freed if workshop else None, workshop or judged)
-        steps = () if step is None else (step,)
+        steps = next_steps(posterior, freed if workshop else None, workshop or judged)
     if directions is None:
         draws, parametrisation = (posterior.stiffness, posterior.prior_stiffness), posterior.problem.parametrisation
         # where no draws were found that may be trusted the prior stands for the posterior: nothing is then known
@@ -748,8 +748,9 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         freed=rows,
         assumed=kept.assumed if kept else assumed_beyond(posterior.problem, freed),
         simpler=simpler_joints(posterior) if simpler is None else simpler,
-        next_steps=steps or (),
-        decides=kept.decides if kept and kept.decides else _what_decides(posterior),
+        next_steps=steps,
+        advice=advice(posterior, steps),
+        decides=_what_decides(posterior),
         mesh=posterior.mesh,
         diagnoses=posterior.diagnoses,
     )
@@ -757,15 +758,14 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
 
 def _what_decides(posterior: Posterior) -> WhatDecides | None:
     """Each input alone; None of fewer than two, and where the model does not explain the data."""
-    rows = [row for row in posterior.rows if row.known]
-    exact = next((row for row in rows if not row.uncertain), None)
-    inputs = max((row.uncertain for row in rows), key=len, default=())
-    if exact is None or len(inputs) < 2 or not all(check.explains for check in posterior.checks):
+    inputs = max((row.uncertain for row in posterior.rows), key=len, default=())
+    if len(inputs) < 2 or not all(check.explains for check in posterior.checks):
         return None
-    run, together = posterior.problem, next(row.known for row in rows if row.uncertain == inputs)
-    problem = run if set(inputs) <= set(uncertain_quantities(run)) else posterior._workshop_problem
-    assert problem is not None  # a row has no inputs but those of the two
-    return what_decides(problem, inputs, run.names, posterior.mode_theta, exact.known, together)
+    run, freed = posterior.problem, posterior._workshop_problem
+    problem = run if freed is None or set(inputs) <= set(uncertain_quantities(run)) else freed
+    if not set(inputs) <= set(problem.names):  # rows of a file without the case that freed them
+        return None
+    return what_decides(problem, inputs, by_names(posterior.mode_theta[None], run.names, problem.names)[0])
 
 
 def _profiles(posterior: Posterior) -> tuple[ProfileLikelihood, ...]:

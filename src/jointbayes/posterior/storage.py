@@ -309,7 +309,7 @@ PROBLEM_GROUP = "problem"
 _ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
 #: A setting that changes no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"budget_s"})
-_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "plan", "virtual_test", "tests"})
+_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "virtual_test", "tests"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
 _VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")
 
@@ -669,6 +669,8 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
+    if isinstance(plain.get("knowledge"), dict):  # what earlier versions kept, and is found from the draws today
+        plain["knowledge"] = {k: v for k, v in plain["knowledge"].items() if k not in ("next_steps", "decides")}
     return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
 
 

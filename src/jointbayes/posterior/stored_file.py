@@ -4,7 +4,6 @@ Each part of a file may be right by itself and yet not belong to the others: aft
 version of the program computes another density.
 """
 
-import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -306,13 +305,6 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
             zero = [mode for each in diagnoses for mode in each.modes if not mode.measured_hz]
             expected["knowledge.diagnoses"] = (len(diagnoses), len(problem.tests))
             expected["knowledge.diagnoses.modes"] = (zero, [])
-        if (decides := record.knowledge.decides) is not None:
-            known, inputs = [name for name in quantities if name in decides.exact], decides.inputs
-            best = [name for name, value in decides.best.items() if value and math.isfinite(value)]
-            named = [each for row in inputs for each in (row.best, row.interval95)]
-            expected["knowledge.decides.exact"] = (sorted(decides.exact), known or quantities)
-            expected["knowledge.decides.best"] = (sorted(best), known)
-            expected["knowledge.decides.inputs"] = ([*map(sorted, named)], 2 * max(1, len(inputs)) * [known])
     for place, (there, wanted) in expected.items():
         if there != wanted:
             raise MeasurementError(f"{where}: record.{place}: found {there}; expected {wanted}; {REMEDY}")

@@ -120,19 +120,6 @@ def draw_intervals(axes: Axes, labels: Sequence[str], ends: Array) -> None:
     legend_above(axes)
 
 
-def draw_tornado(row: AxesArray, names: Sequence[str], labels: Sequence[str], ends: Array) -> None:
-    """Intervals over the first one's middle, shape (names, labels, 2), a bar each; the first and the last are draws."""
-    for axes, name, bars in zip(row, names, ends / np.sqrt(np.abs(ends[:, :1].prod(axis=-1)))[..., None], strict=True):
-        place = np.arange(len(labels))
-        sampled = (place == 0) | (place == len(labels) - 1)
-        axes.barh(place, bars[:, 1] - bars[:, 0], left=bars[:, 0], height=0.6, color=np.where(sampled, "0.7", _BLUE))
-        axes.axvspan(*bars[0], color=_ORANGE, alpha=0.3, lw=0)
-        axes.set_xscale("log")
-        axes.set_yticks(place, labels)
-        axes.set_ylim(len(labels) - 0.5, -0.5)
-        axes.set_xlabel(f"{name} over its middle with all exact")
-
-
 def draw_profiles(row: AxesArray, curves: Sequence[tuple[str, Array, Array]]) -> None:
     """Profile likelihoods side by side: label of the axis, values on it and ln ratio, each of shape (points,)."""
     for axes, (label, value, log_ratio) in zip(row, curves, strict=True):
@@ -391,14 +378,6 @@ def wireframes(frame: Wireframe) -> str:
 def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
     """Profile likelihoods side by side."""
     return _in_rows(lambda axes: draw_profiles(axes, curves), len(curves), 2.4, apart=(0.5, 0.1), sharey=True)
-
-
-def tornado(names: Sequence[str], labels: Sequence[str], ends: Array) -> str:
-    """Widths of intervals with one input uncertain at a time, a panel for each stiffness."""
-    left = 0.2 + 0.075 * max(map(len, labels))  # inches of the longest label
-    layout: Any = {"columns": len(names), "left": left, "apart": (0.2, 0.1), "sharey": True}
-    size = (7.2, 0.75 + 0.24 * len(labels))
-    return _page(lambda axes: draw_tornado(axes[0], names, labels, ends), size, **layout)
 
 
 def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:

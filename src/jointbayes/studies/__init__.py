@@ -1,1 +1,1 @@
-"""Studies that make many posteriors: comparison, planning, campaigns, check against a reference."""
+"""Studies that make many posteriors: comparison, plan, campaigns, check against a reference."""

@@ -103,7 +103,7 @@ _KEYS: tuple[_Path, ...] = (
     *(("structure", "parts", _ANY, key) for key in ("file", "mass_file", "bending_file")),
 )
 #: Tables that state the same keys again, as tables of the file.
-_WITHIN: tuple[_Path, ...] = ((), ("tests", _ANY), ("plan", "tests", _ANY))
+_WITHIN: tuple[_Path, ...] = ((), ("tests", _ANY))
 
 
 def named_files(data: Mapping[str, Any]) -> dict[_Path, _Path]:

@@ -1,6 +1,6 @@
 """The tables of a case file that set what is done with the data, and `[reference]`, what it is compared with.
 
-Noise models, the sampler, hypotheses, plans, virtual tests; and `[tests.NAME]`, what differs between several tests.
+Noise models, the sampler, hypotheses, virtual tests; and `[tests.NAME]`, what differs between several tests.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from jointbayes.case.spec.fields import (
     raise_findings,
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
-from jointbayes.joint import COUPLED, HYPOTHESES, USUAL_HYPOTHESES
+from jointbayes.joint import HYPOTHESES, USUAL_HYPOTHESES
 
 _LINE = r"^[^\r\n]*$"
 
@@ -132,8 +132,8 @@ def _changes(of: str) -> object:
 _Table = dict[str, Any] | None
 
 
-class PlannedTestSpec(Spec):
-    """A test that could be made: what is different from the rest of the file, whose tables these are."""
+class TestSpec(Spec):
+    """One test of several: what is different from the rest of the file, whose tables these are."""
 
     remove: Annotated[ListOf[str], _REMOVE] = ()
     joined: Annotated[bool, JOINED] = True
@@ -142,11 +142,6 @@ class PlannedTestSpec(Spec):
     joints: Annotated[_Table, _changes("the joints")] = None
     uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
     data: Annotated[_Table, _changes("the data")] = None
-
-
-class TestSpec(PlannedTestSpec):
-    """One test of several: what is different from the rest of the file, whose tables these are."""
-
     level: Annotated[float | None, _LEVEL] = None
     bodies: Annotated[_Table, _changes("the measured bodies")] = None
     prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
@@ -184,38 +179,6 @@ class AssemblySpec(Spec):
 
     scatter: Annotated[Positive, _SCATTER] = 0.1
     scatter_factor: Annotated[float, _SCATTER_FACTOR] = 3.0
-
-
-_COUPLING = next(quantity.name for quantity in COUPLED if quantity.may_be_negative)
-_PARAMETER = key_field("the stiffness to be known best, by its name; without it the first coupling", _COUPLING)
-_AVERAGES_FACTOR = Field(gt=1, description="the factor on the averages, a number above 1", examples=[4.0])
-_F_MAX = Field(description="the highest frequency of a wider band in Hz, a number greater than 0", examples=[5000.0])
-_ADDED_MASS = Field(description="the mass in g to add on trial, a number greater than 0", examples=[50.0])
-
-
-_TOGETHER = key_field(
-    "a list of sets of candidates to rank beside single ones, each a list of their names",
-    [["6:y", "short"]],
-    max_length=8,
-)
-_Set = Annotated[ListOf[str], Field(min_length=2, max_length=8, description="a list of names")]
-
-
-class PlanSpec(Spec):
-    """The further measurements that `jointbayes plan` ranks; an empty list stands for the default."""
-
-    parameter: Annotated[str, _PARAMETER] = ""
-    outputs: Annotated[Labels, key_field("a list of DOFs that could be measured", ["6:y"])] = ()
-    inputs: Annotated[Labels, key_field("a list of DOFs that could be excited", ["11:y"])] = ()
-    max_measurements: Annotated[int, count_field("the largest number of further measurements", 1, 1, 4)] = 1
-    tests: Annotated[
-        dict[Name, PlannedTestSpec],
-        Field(description="tests that could be made, a table for each by its name, as [plan.tests.short.structure]"),
-    ] = {}  # noqa: RUF012 (pydantic copies it)
-    together: Annotated[ListOf[_Set], _TOGETHER] = ()
-    averages_factor: Annotated[float, _AVERAGES_FACTOR] = 4.0
-    f_max_hz: Annotated[Positive | None, _F_MAX] = None
-    added_mass_g: Annotated[Positive | None, _ADDED_MASS] = None
 
 
 _MOST_LINES = 100_000  # of a prediction

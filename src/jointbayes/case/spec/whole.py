@@ -45,7 +45,6 @@ from jointbayes.case.spec.settings_tables import (
     LeftOutSpec,
     LevelSpec,
     NoiseModelSpec,
-    PlanSpec,
     PredictSpec,
     ReferenceSpec,
     SamplingSpec,
@@ -133,7 +132,6 @@ class CaseSpec(Spec):
     identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
     sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
     compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
-    plan: Annotated[PlanSpec, Field(description="the further measurements to rank")] = PlanSpec()
     predict: Annotated[
         PredictSpec | None, Field(description="what `predict` is to compute of this structure: DOFs and lines")
     ] = None
@@ -185,22 +183,6 @@ class CaseSpec(Spec):
         return {name: joint.shared for name, joint in joints if joint.shared is not None}
 
     @property
-    def plan_outputs(self) -> tuple[str, ...]:
-        """DOFs that a further measurement may add: those of the plan, or each translation along that of the joint."""
-        joint = self.joint or next(iter(self.joints.values()), None)
-        if joint is None:  # of a test in which nothing is joined
-            return self.plan.outputs
-        direction = joint.directions[0]
-        every = (f"{point}:{direction}" for point in self.structure.points_in_order)
-        free = (label for label in every if label not in self.structure.supports)
-        return self.plan.outputs or tuple(label for label in free if self.structure.absent(label) is None)
-
-    @property
-    def plan_inputs(self) -> tuple[str, ...]:
-        """DOFs that may be excited for a further measurement: those of the plan, or the inputs of FRF data."""
-        return self.plan.inputs or getattr(self.data, "inputs", ())
-
-    @property
     def joint_objects(self) -> Joint | tuple[Joint, ...]:
         """Where the joints act; a lone one without a name by itself."""
         joints = tuple(joint.built(name) for name, joint in self.all_joints.items())
@@ -246,7 +228,7 @@ _FRF_ONLY = 'data of kind = "synthetic_frf" or "measured_frf"'
 
 def _dof_findings(case: CaseSpec) -> Iterator[Finding]:
     """Yield DOFs that the structure does not have or that cannot move, and frequencies it has too few DOFs for."""
-    structure, data, plan = case.structure, case.data, case.plan
+    structure, data = case.structure, case.data
     labelled: dict[KeyPath, tuple[str, ...]] = {_SUPPORTS: structure.supports}
     for name, joint in case.all_joints.items():
         place = joint_table(name)
@@ -257,8 +239,7 @@ def _dof_findings(case: CaseSpec) -> Iterator[Finding]:
         if count > free and not refined:
             remedy = "raise structure.elements" if structure.spans else "remove the highest"
             yield Finding(key_path, f"{count} frequencies for {free} free DOFs", f"at most {free} frequencies", remedy)
-    labelled |= {**data.labelled, ("plan", "outputs"): plan.outputs, ("plan", "inputs"): plan.inputs}
-    yield from _immovable_dofs(case, labelled)
+    yield from _immovable_dofs(case, {**labelled, **data.labelled})
     yield from _loose_masses(case)
     if case.files is not None:
         yield from _channel_findings(structure, case.files)
@@ -332,15 +313,7 @@ def _test_findings(case: CaseSpec) -> Iterator[Finding]:
             if name in names:
                 fault = f"found the name of a {what}, so that {name}.k11 would be two things"
                 yield Finding(("tests", name), fault, "a name of its own", "rename one of the two")
-    for name, proposed in case.plan.tests.items():
-        loc = ("plan", "tests", name)
-        if name in case.tests:
-            yield Finding(loc, "found the name of a present test", "a name of its own", "rename it")
-        if proposed.data is not None and case.data.kind != "synthetic_frf":
-            fault = f'found a table beside data of kind = "{case.data.kind}"'
-            expected = "a test that is measured as the present one"
-            yield Finding((*loc, "data"), fault, expected, "remove it; other DOFs are candidates by themselves")
-    if not case.tests and not case.plan.tests:
+    if not case.tests:
         owned = [
             *(joint_table(name) for name, joint in case.all_joints.items() if joint.own),
             *(quantity_table(name) for name, prior in case.uncertain.given.items() if prior.own),
@@ -627,25 +600,6 @@ def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:
         yield Finding(("left_out", "tests"), fault, "joints that tests share", "remove it")
 
 
-def _plan_findings(case: CaseSpec) -> Iterator[Finding]:
-    """Yield keys of FRFs beside modes, and a wider band that is not wider or has none to widen."""
-    plan, made = case.plan, case.synthetic
-    if not case.data.frfs:
-        for key in ("averages_factor", "f_max_hz", "added_mass_g"):
-            if key in plan.model_fields_set:
-                yield Finding(("plan", key), "found it beside natural frequencies", _FRF_ONLY, "remove it")
-    elif plan.f_max_hz is not None:
-        if made is None:
-            fault = "the lines of a file are those that were measured"
-            yield Finding(("plan", "f_max_hz"), fault, 'data of kind = "synthetic_frf"', "remove it")
-        elif made.f_max_hz is None:
-            fault = "no band to widen, data.frequencies_hz is a list"
-            yield Finding(("plan", "f_max_hz"), fault, "f_min_hz, f_max_hz, f_step_hz in [data]", "remove it")
-        elif plan.f_max_hz <= made.f_max_hz:
-            fault = f"found {plan.f_max_hz!r}, which does not widen the band up to {made.f_max_hz!r} Hz"
-            yield Finding(("plan", "f_max_hz"), fault, f"a number above {made.f_max_hz!r}", "raise or remove it")
-
-
 def _virtual_test_findings(case: CaseSpec) -> Iterator[Finding]:
     """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
     test, made = case.virtual_test, case.synthetic
@@ -672,6 +626,5 @@ _RULES = (
     _truth_findings,
     _noise_findings,
     _left_out_findings,
-    _plan_findings,
     _virtual_test_findings,
 )

@@ -1,23 +1,21 @@
 """What the data determine and what it assumes: combinations, correlations, uncertain inputs, likelihood limits."""
 
-import math
-
 import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict, listed
 from jointbayes.posterior.knowledge import UncertainInputsRow
+from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, kind_of, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import engineering, factor, interval, join_unit, number, rounded_interval
+from jointbayes.rounding import factor, interval, number, rounded_interval
 from jointbayes.sampling import END_TOLERANCE
 
 _MOST_COLUMNS = 4
-_MOST_BARS = 3  # stiffnesses of the tornado
 #: What a verdict's reason says where the prior decides.
 _OF_RANGE = ("the default range", " limit, searched ", "bound ", "rest on the prior", "rests on the prior")
 _ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
@@ -115,37 +113,18 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
 
 
 def _decides_blocks(decides: WhatDecides) -> list[Block]:
-    """Each uncertain input alone: which matters most, and where the best fit goes with each off by its uncertainty.
-
-    A figure; a table where an end is at 0 or has no number.
-    """
-    names = tuple(decides.exact)[:_MOST_BARS]
-    labels = ["all exact", *(readable(each.name) for each in decides.inputs), "all uncertain"]
-    ends = [
-        [decides.exact[name].ends[0], *(each.interval95[name] for each in decides.inputs)]
-        + ([decides.together[name].interval95] if decides.together else [])
-        for name in names
-    ]
-    off = ["", *(f"±{each.off[1].removesuffix(' higher')}" for each in decides.inputs), ""]
-    labels = [" ".join(both).strip() for both in zip(labels, off, strict=True)][: len(ends[0])]
-    caption = "95 % intervals with one input uncertain at a time"
-    note = "One input: to first order, what the Gaussian at the best fit adds to the draws with all exact."
-    shown: Figure | Table
-    if np.isfinite(ends).all() and (np.array(ends) > 0).all():
-        alt = f"Bars of the intervals of {' and '.join(names)} with each input alone uncertain, between none and all."
-        svg = drawing.tornado(names, labels, np.array(ends))
-        shown = Figure("tornado", f"{caption}, widest first; the band is that with all exact. {note}", alt, svg)
-    else:
-        units = {name: decides.exact[name].unit for name in names}
-        said = [[_in_words(pair, units[name]) for pair in of] for name, of in zip(names, ends, strict=True)]
-        rows = tuple(zip(labels, *said, strict=True))
-        shown = Table(caption, ("Uncertain", *names), rows, note=note, align="l" * (1 + len(names)))
-    return [Paragraph(decides.sentence), Paragraph(decides.if_off), shown]
-
-
-def _in_words(ends: tuple[float, float], unit: str) -> str:
-    (_, low, high), of = engineering((math.sqrt(abs(math.prod(ends))), *ends), unit)
-    return join_unit(f"{low} to {high}", of)
+    """Each uncertain input alone: which matters most, and a table, the spread of each stiffness with it."""
+    rows = [("none", decides.exact), *((readable(name), sd) for name, sd in decides.alone.items())]
+    rows += [("all of these", decides.together)]
+    names = tuple(decides.exact)
+    table = Table(
+        "Effect of one uncertain input at a time",
+        ("Uncertain besides the joint", *(f"{name} known to" for name in names)),
+        tuple((what, *(spread_in_words(sd[name]) for name in names)) for what, sd in rows),
+        note="95 %, linearised at the mode by Fisher information; the input that matters most first.",
+        align="l" * (1 + len(names)),
+    )
+    return [Paragraph(decides.sentence), table]
 
 
 def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from jointbayes.posterior.run_record import DO_NOT_USE
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
-from jointbayes.report.sections.trust import lights_of, worst_test
+from jointbayes.report.sections.trust import lights_of
 from jointbayes.report.structure_sketch import dof_words, sketch
 from jointbayes.rounding import percent, quantity_text, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
@@ -58,7 +58,7 @@ def lead(inputs: ReportInputs) -> tuple[Block, ...]:
         *blocks_on_tests(inputs),
         _answer_table(inputs, answers, _MOST_NAMED),
         Paragraph(f"**Rests on.** {_premises(inputs, answers)}"),
-        Paragraph(f"**Next.** {_next(inputs)}"),
+        Paragraph(f"**Next.** {foreign(inputs.knowledge.advice)}"),
         lights_of(inputs),
         Paragraph(f"**What limits the answer.** {_limits(inputs, answers)}"),
     )
@@ -303,26 +303,3 @@ def _reason(known: Identifiability, unit: str) -> str:
         return quantity_text(float(found[1]), unit)
 
     return re.sub(rf"([\d.]+(?:e\d+)?) {re.escape(unit)}(?![\w·])", in_engineering_units, reason)
-
-
-def _next(inputs: ReportInputs) -> str:
-    """The one step that helps most."""
-    worst = worst_test(inputs.summary)
-    if not inputs.posterior.converged:
-        return f"Raise `{inputs.posterior.record.limit_to_raise}` in `[sampling]` and run again."
-    if not worst.check.explains:
-        return foreign(" ".join(worst.diagnosis.advice))
-    if inputs.posterior.solutions.advice:
-        return foreign(inputs.posterior.solutions.advice)
-    step = inputs.knowledge.next_step
-    if step is None and inputs.posterior.problem.premises.of_modes:
-        return (
-            "None of what was looked at, two more modes, one more sensor or two antiresonances, would tell much more "
-            "by itself. A wider band with force and sensor at a second point gives several of them at once."
-        )
-    if step is None:
-        return (
-            "None of what was looked at, one more sensor, more averages or further modes, would tell much more. "
-            "`jointbayes plan` looks at more kinds of measurement."
-        )
-    return step.sentence
