@@ -282,7 +282,7 @@ def _infer_axis(column: Column, x: Array, number: int, axis: str | None) -> tupl
     because = f"from {x[0]:g} in steps of {step:g}" if x.size else ""
     if even and (x[0] < 0 or (x[0] == 0 and step < TIME_STEP)):
         return Column("time", "", "s"), (f"no name: {named} taken as time in s, since it goes {because}",)
-    if rises and x[0] >= 0 and x[-1] <= _HIGHEST_LINE and ((even and step >= FREQUENCY_STEP) or _are_lines(x)):
+    if rises and x[0] >= 0 and x[-1] <= _HIGHEST_LINE and (step >= FREQUENCY_STEP if even else _are_lines(x)):
         return Column("frequency", "", "Hz"), (f"no name: {named} taken as frequency in Hz, since it goes {because}",)
     if not rises:
         raise MeasurementError(
