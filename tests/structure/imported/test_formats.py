@@ -177,7 +177,7 @@ def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):
     np.testing.assert_array_equal(model.stiffness.toarray(), K)
     np.testing.assert_array_equal(model.mass.toarray(), light)
     np.testing.assert_allclose(model.places, PLACES)
-    assert model.notes == ("DMIG TUGX is not used",)
+    assert model.notes == ("DMIG TUGX is not used", "K holds 1 of 5 nodes to ground: node 3")
 
 
 def test_calculix_files_found_beside_each_other(tmp_path, unit):

@@ -216,7 +216,7 @@ def test_dofs_without_stiffness_and_mass_are_left_out(tmp_path):
         matrix[[3, 9]] = matrix[:, [3, 9]] = 0  # rotations of a solid's nodes in the g-set
     model = jb.read_structure(npz(tmp_path, K=k, M=m), length_unit="m")
     assert model.row(3, "rx") is None
-    assert model.notes == ("2 DOFs without stiffness and mass are left out",)
+    assert model.notes[0] == "2 DOFs without stiffness and mass are left out"
 
 
 @pytest.mark.parametrize(

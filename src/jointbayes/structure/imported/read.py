@@ -12,6 +12,7 @@ from scipy import sparse
 from jointbayes.errors import ModelError, require
 from jointbayes.structure.imported.abaqus import read_abaqus
 from jointbayes.structure.imported.ansys import read_harwell_boeing, read_mapping
+from jointbayes.structure.imported.axes import require_own_axes
 from jointbayes.structure.imported.calculix import read_calculix, read_dof_file
 from jointbayes.structure.imported.entries import MOST_DOFS, MOST_WAYS, Entries, Exported, fault
 from jointbayes.structure.imported.fe_model import FeModel, Sparse
@@ -128,6 +129,9 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
     notes += [f"{held.sum()} DOFs with 1e36 on the diagonal of K are supports, and left out"] * bool(held.any())
     notes += [f"{empty.sum()} DOFs without stiffness and mass are left out"] * bool(empty.any())
     kept = np.flatnonzero(~(held | empty))
+    if not kept.size:
+        what = f"{len(rows)} DOFs, all of them held (1e36 on the diagonal of K) or without stiffness and mass"
+        raise fault(main, what, "a structure that can move", "export it without its supports")
     rows = rows[kept]
     length, energy = _UNITS[unit]
     rounding = _rounding(whole["stiffness"].data)
@@ -146,8 +150,9 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
         notes=tuple(notes),
         rounding=rounding,
     )
+    further = require_own_axes(model)
     _require_sane_units(model, unit)
-    return model
+    return replace(model, notes=(*model.notes, *further))
 
 
 def _rounding(values: Array) -> float:
