@@ -6,9 +6,8 @@ import time
 import numpy as np
 
 from benchmarks.cases import ROOT
+from benchmarks.virtual_test import VirtualTest, simulate
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.spec.settings_tables import VirtualTestSpec
-from jointbayes.studies.simulated_test import simulate
 from vibrecords import FrfSet
 from vibrecords.records import FrfRecord
 from vibrecords.variance import coherence_variance
@@ -31,7 +30,7 @@ def as_set(record: FrfRecord) -> FrfSet:
     return FrfSet(record.frequency_hz, values, ("1",), ("2",), record.quantity, coherence, record.averages)
 
 
-def ratio(case: Case, settings: VirtualTestSpec, tests: int) -> np.ndarray:
+def ratio(case: Case, settings: VirtualTest, tests: int) -> np.ndarray:
     """Mean predicted variance over the scatter of the tests, shape (lines,)."""
     values, predicted = [], []
     for seed in range(tests):
@@ -56,7 +55,7 @@ def main() -> None:
         noise = {} if method == "frf" else {"force_noise": 0.0005, "response_noise": 0.003}
         for averages in AVERAGES:
             start = time.perf_counter()
-            found = ratio(case, VirtualTestSpec(method=method, averages=averages, **noise), tests)
+            found = ratio(case, VirtualTest(method=method, averages=averages, **noise), tests)
             low, high = np.quantile(found, [0.025, 0.975])
             seconds = time.perf_counter() - start
             print(

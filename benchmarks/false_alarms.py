@@ -29,7 +29,7 @@ KEPT = ROOT / "build" / "false_alarms.jsonl"
 KINDS = {
     "main": "clamped_beam",
     "uncertain": "clamped_beam_uncertain",
-    "several FRFs": "virtual_test",
+    "several FRFs": "measured_stations",
     "natural frequencies": "clamped_beam_frequencies_360mm",
     "two tests": "two_overhangs",
     "frame": "spindle_tool",

@@ -1,6 +1,6 @@
 """From a virtual test through a file to the posterior: `python -m benchmarks.files`.
 
-A joint is drawn from the prior and measured in a virtual impact test (`jointbayes simulate`): hammer pulses, noise on
+A joint is drawn from the prior and measured in a virtual impact test: hammer pulses, noise on
 both channels, averages, H1 and coherence. The FRFs are written in every format, read back by a case of kind
 "measured_frf" with the variance from coherence, and analysed as `jointbayes run` does. Counted for each format: how
 often the 95 % interval of each stiffness holds the truth. Formats that give the same data to the last bit have one
@@ -20,20 +20,15 @@ import numpy as np
 
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
+from benchmarks.virtual_test import VirtualTest, simulate
 from jointbayes.joint import LogStiffness
-from jointbayes.studies.simulated_test import simulate
 from vibrecords import FrfData
 from vibrecords.formats import FORMATS, write_records
 
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
 AVERAGES = 10
 
-_TEST = f"""
-[virtual_test]
-method = "impact"
-averages = {AVERAGES}
-response_noise = 0.01
-"""
+_TEST = VirtualTest(method="impact", averages=AVERAGES, response_noise=0.01)
 _DATA = """[data]
 kind = "measured_frf"
 file = "test.{format}"
@@ -63,13 +58,13 @@ def truth_text(stiffness: np.ndarray) -> str:
     text = case_of("joint").text.replace('quantity = "receptance"', 'quantity = "accelerance"', 1)
     k11, k12, k22 = stiffness
     truth = f"[data.truth]\nk11 = {k11!r}\nk12 = {k12!r}\nk22 = {k22!r}\n\n"
-    return re.sub(r"(?m)^\[data\.truth\][^\[]*", truth, text) + _TEST
+    return re.sub(r"(?m)^\[data\.truth\][^\[]*", truth, text)
 
 
 def measured_text(text: str, format: str) -> str:
     """The same case with its data from a file."""
     begin, end = text.index("\n[data]") + 1, text.index("\n[identification]") + 1
-    return text[:begin] + _DATA.format(format=format) + text[end:].split("[virtual_test]")[0]
+    return text[:begin] + _DATA.format(format=format) + text[end:]
 
 
 def analyse(index: int) -> Outcome:
@@ -77,7 +72,7 @@ def analyse(index: int) -> Outcome:
     rng = np.random.default_rng([20261121, index])
     truth = case_of("joint").problem.prior.values(case_of("joint").problem.prior.sample(rng, 1))[0]
     text = truth_text(np.array([float(k) for k in truth]).tolist())
-    records = simulate(jb.case_from_text("virtual test", text), seed=int(rng.integers(2**32)))
+    records = simulate(jb.case_from_text("virtual test", text), _TEST, seed=int(rng.integers(2**32)))
     seed = int(rng.integers(2**32))
     known: dict[str, tuple[bool, bool, bool]] = {}
     held, converged = {}, True

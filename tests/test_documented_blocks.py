@@ -169,10 +169,9 @@ def test_every_block_says_what_it_is():
 
 
 def test_what_the_pages_show_of_a_first_file_can_be_done_in_their_order(tmp_path, monkeypatch):
-    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "tip.uff").symlink_to(ROOT / "configs" / "data" / "virtual_test.uff")
     monkeypatch.chdir(tmp_path)
     for line, left in (
-        ("simulate configs/virtual_test.toml --out tip.uff", "tip.uff"),
         ("inspect tip.uff --figure tip.svg", "tip.svg"),
         ("init --from tip.uff", "my_case.toml"),
     ):

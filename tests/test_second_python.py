@@ -21,14 +21,12 @@ pytestmark = [pytest.mark.version, pytest.mark.whole, pytest.mark.second]
 SMALL = edited(
     cheap_text(),
     ("max_steps = 20000", "max_steps = 200"),
-    ("[identification]", "[virtual_test]\n\n[identification]"),
 )
 #: Each with the exit codes that it may have: a run this short has not converged.
 COMMANDS = [
     ("init", (0,)),
     ("validate small.toml", (0,)),
     ("identify small.toml", (0,)),
-    ("simulate small.toml --out tip.csv", (0,)),
     ("inspect tip.csv", (0,)),
     ("sample small.toml --out draws.nc --quiet", (0, 3)),
     ("report draws.nc --out page", (0, 3)),

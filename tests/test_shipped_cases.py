@@ -36,7 +36,6 @@ def test_every_case_says_what_its_commands_exit_with():
     assert {name: set(numbers.claims(path)) for name, path in CASES.items()} == {
         **{name: {"run", "check"} for name in CASES},
         **{name: {"run"} for name in (*example_figures.examples(), "clamped_beam_frequencies_360mm")},
-        "virtual_test": {"simulate"},
     }
 
 
@@ -150,10 +149,3 @@ def test_of_eighteen_storeys_eight_combinations_are_known():
     assert {i: verdict for i, verdict in verdicts.items() if verdict != "not identified"} == dict.fromkeys(
         (1, 14, 18), "weakly identified"
     )
-
-
-def test_the_virtual_test_simulates(tmp_path):
-    path = CASES["virtual_test"]
-    result = cli("simulate", path, "--out", tmp_path / "tip.uff")
-    assert result.exit_code == numbers.claims(path)["simulate"], result.output
-    assert (tmp_path / "tip.uff").stat().st_size > 10_000

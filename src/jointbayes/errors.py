@@ -163,6 +163,8 @@ WENT = {
     "plan": "delete the table, jointbayes plan chooses the measurements itself",
     "--assume": "leave it out, jointbayes plan ranks for what the present data say of the joint",
     "--out": "leave it out, the command prints its results; keep them with --json",
+    "simulate": 'computed data stand in a case as kind = "synthetic_frf"; vibrecords.simulated makes records',
+    "virtual_test": "delete the table, nothing is simulated from a case",
     "--draws": "leave it out: a campaign keeps all draws of each case",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }

@@ -160,10 +160,6 @@ CASES = [
         for made, stated in ((SYNTHETIC[2], "{ ky = 5e7, krz = 6e4 }"), (SYNTHETIC[3], FEET))
     ),
     KeyCase(WHOLE + PARTS["settings"], "identify", "iden|samp|ref"),
-    *(
-        KeyCase(f'{WHOLE}[virtual_test]\nmethod = "{name}"\nseed = 9\n{test}', "simulate", "virtual_test")
-        for name, test in ((name, PARTS[f"test {name}"]) for name in ("frf", "impact", "shaker"))
-    ),
     KeyCase(USUAL + PARTS["several tests"], keys="tests"),
     KeyCase(USUAL.replace("[joint]", "[joint]\nown = true") + PARTS["assemblies"], keys="assembly"),
 ]

@@ -14,12 +14,11 @@ from dataclasses import fields, is_dataclass
 from functools import reduce
 from operator import getitem
 from pathlib import Path
-from types import NoneType, SimpleNamespace, UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from pydantic import BaseModel
 
 import jointbayes as jb
@@ -30,17 +29,14 @@ from jointbayes.case.spec.data_table import RotationSpec
 from jointbayes.case.spec.prior_tables import PriorsSpec
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import toml_text
-from jointbayes.cli.files import simulate as simulate_command
 from jointbayes.joint import Joints
 from jointbayes.structure.recipe import UncertainBody
-from jointbayes.studies import simulated_test
 from tests.case.key_cases import CASES, KeyCase
 from tests.case.key_lines import KEYS, expression
-from vibrecords import FrequencyData, FrfData, FrfSet, assemble, formats
+from vibrecords import FrequencyData, FrfData, FrfSet, assemble
 from vibrecords.measurement_plan import MeasurementPlan
 from vibrecords.provenance import Provenance
 from vibrecords.rotations import Rotation
-from vibrecords.simulated import Rig
 
 KeyPath = tuple[str | int, ...]
 _TAGS = ("kind", "shape", "law", "distribution")
@@ -125,7 +121,6 @@ VIEWS: dict[type, Callable[[Any], Any]] = {
     jb.Ports: lambda ports: lines_of(ports.frequency_hz),
     FrfSet: lambda frf: lines_of(frf.frequency_hz),
     FrfData: lambda measured: measured.frf,
-    Rig: lambda rig: {"sample_rate_hz": rig.sample_rate_hz, "block": rig.block},
     np.random.Generator: lambda rng: deepcopy(rng).random(),
 }
 
@@ -164,18 +159,12 @@ class Bench:
 
     def __init__(self, monkeypatch: Any, directory: Path) -> None:
         self.seen: dict[str, Any] = {}
-        self._file = directory / "case.toml"
         monkeypatch.setattr(jb.Problem, "log_posterior", None)
         monkeypatch.setattr(case_objects, "synthesise_frf", self._synthesised)
         monkeypatch.setattr(assemble, "read_measurement", self._read)
         monkeypatch.setattr(case_module, "split_data", self._split)
         monkeypatch.setattr(RotationSpec, "rotation", self._rotation_of(RotationSpec.rotation))
         monkeypatch.setattr(workflow, "sensitivity_iteration", self._iterated)
-        monkeypatch.setattr(simulated_test.Truth, "frf", lambda *_: None)
-        for name in ("noisy_frf", "hammer_records", "shaker_records", "frfs_of_hits", "frfs_of_shaker"):
-            monkeypatch.setattr(simulated_test, name, self._noted(name))
-        monkeypatch.setattr(simulated_test, "records_of_frf", lambda *_: [])
-        monkeypatch.setattr(formats, "write_records", lambda *_: None)
 
     def numbers(self, data: Mapping[str, Any], act: str = "") -> dict[str, float]:
         """Numbers of what a case makes, and of what is asked of the step of a run that `act` names."""
@@ -185,22 +174,11 @@ class Bench:
         with suppress(_Stop):
             if act == "identify":
                 workflow.identify(case)
-            elif act == "simulate":
-                self._file.write_text(text, encoding="utf-8")
-                asked = [str(self._file), "--out", str(self._file.with_suffix(".npz"))]
-                CliRunner().invoke(simulate_command, asked, catch_exceptions=False)
         settings = {"sampler": case.sampler, "seed": workflow._seed(case, None), "model_error": case.model_error}
         published = {"reference": case.reference, "published": case.spec.reference and case.measured_frequencies_hz}
         named = numbers_of(_of_problem(case.problem) | settings | published | self.seen)
         derived = DERIVED if "initial" in text else f"initial|{DERIVED}"
         return {name: number for name, number in named if not re.match(derived, name)}
-
-    def _noted(self, name: str) -> Callable[..., Any]:
-        def note(*given: Any) -> Any:
-            self.seen[name] = given
-            return SimpleNamespace(frfs=[]) if name.startswith("frfs") else []
-
-        return note
 
     def _iterated(self, *_: Any, **settings: Any) -> None:
         self.seen["iteration"] = settings

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.virtual_test import VirtualTest, simulate
 
 import jointbayes as jb
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
@@ -14,12 +15,12 @@ from vibrecords.records import TimeRecord
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
 
 
-def virtual_records(path: Path, table: str, kind: str = "npz") -> None:
+def virtual_records(path: Path, test: VirtualTest, kind: str = "npz") -> None:
     """Measure the small beam with the published joint, as accelerance, and keep the records."""
     quantity = ('quantity = "receptance"', 'quantity = "accelerance"')
     band = ("f_max_hz = 2500.0", "f_max_hz = 1000.0")
-    case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band) + f"\n[virtual_test]\n{table}\n")
-    write_records(jb.simulate(case, seed=5), path, kind)
+    case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band))
+    write_records(simulate(case, test, seed=5), path, kind)
 
 
 def loaded(folder: Path, records: str, variance: str = VARIANCE) -> jb.Case:
@@ -41,8 +42,8 @@ def k22_of(case: jb.Case) -> tuple[float, float]:
 
 
 def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
-    table = 'method = "impact"\nwrites = "time"\naverages = 6\ndouble_hits = 1\noverloads = 1'
-    virtual_records(tmp_path / "hits.npz", table, "uff58b")
+    test = VirtualTest("impact", "time", averages=6, double_hits=1, overloads=1)
+    virtual_records(tmp_path / "hits.npz", test, "uff58b")
     case = loaded(tmp_path, '[data.records]\nmethod = "impact"\nforce_window_s = 0.004')
     assert case.problem.test.data.frf.averages == 6
     assert any("from 6 of 8 hits" in note for note in case.problem.test.data.provenance.notes)
@@ -73,7 +74,7 @@ def recording(path: Path, gap_s: float) -> None:
 
 @pytest.mark.parametrize("gap_s", [None, 0.1])
 def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
-    virtual_records(tmp_path / "hits.npz", 'method = "impact"\nwrites = "time"\naverages = 10', "uff58b")
+    virtual_records(tmp_path / "hits.npz", VirtualTest("impact", "time", averages=10), "uff58b")
     if gap_s:
         recording(tmp_path / "hits.npz", gap_s)
     case = loaded(tmp_path, "", variance="")
@@ -88,13 +89,13 @@ def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
 
 
 def test_a_force_of_no_hammer_needs_to_be_told_how(tmp_path):
-    virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 4\nblock_s = 1.0')
+    virtual_records(tmp_path / "hits.npz", VirtualTest("shaker", "time", averages=4, block_s=1.0))
     with pytest.raises(jb.CaseError, match=r"no hammer's; expected hits.*write method = \"shaker\" and block_s"):
         loaded(tmp_path, "", variance="")
 
 
 def test_shaker_records_become_frfs(tmp_path):
-    virtual_records(tmp_path / "hits.npz", 'method = "shaker"\nwrites = "time"\naverages = 40\nblock_s = 4.0')
+    virtual_records(tmp_path / "hits.npz", VirtualTest("shaker", "time", averages=40, block_s=4.0))
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
     assert np.diff(case.problem.test.data.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
     assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)

@@ -43,7 +43,6 @@ BASES = {
     "bolted": case_text_named("bolted"),
     "measured file": text_of_file(frf_data()),
     "records": text_of_file(f'[data]\nkind = "measured_frf"\nfile = "hits.npz"\n{RECORDS}'),
-    "virtual test": f"{cheap_text()}\n[virtual_test]\n",
     "measured frequencies": HEARD_ALL,
     "small beam": cheap_text(),
     "imported": IMPORTED,

@@ -51,7 +51,6 @@ COMMANDS = {
     "compare": (["compare", CASE, "wrong.toml"], {2}),
     "plan": (["plan", CASE], {0, 2, 3}),
     "inspect": (["inspect", TABLE, "--figure", f"f{ON_TERMINAL}.svg"], {0, 2}),
-    "simulate": (["simulate", CASE, "--out", f"s{ON_TERMINAL}.csv"], {0, 2}),
     "init": (["init", f"new{ON_TERMINAL}.toml"], {0}),
     "a wrong case": (["run", "wrong.toml"], {2}),
     "no such case": (["run", f"no{ON_TERMINAL}"], {2}),

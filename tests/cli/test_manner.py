@@ -59,7 +59,6 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
         "export draws.nc --to joint.bdf": {"written", "format"},
         "predict draws.nc other.toml --out there": {"modes", "never_asked", "report"},
         "same draws.nc draws.nc": {"changed", "p_value", "stiffness", "together", "premises"},
-        f"simulate {CONFIGS / 'virtual_test.toml'} --out test.uff": {"files"},
         "inspect tip.csv": {"channels", "resonances", "doubts"},
     }
     with plain_reports():
@@ -191,7 +190,7 @@ def test_of_an_endless_name_both_ends_stay_and_what_is_wrong_with_it(name):
     assert re.fullmatch(r"jointbayes: /?(n+|some/[some/]+|deep/[/dep]+)…[^ ]{29}: File name too long", short), short
 
 
-@pytest.mark.parametrize("command", [("sample", "--out"), ("run", "--out"), ("simulate", "--format", "csv", "--out")])
+@pytest.mark.parametrize("command", [("sample", "--out"), ("run", "--out")])
 @pytest.mark.parametrize("name", ["n" * 300, "/".join(["n" * 60] * 90)])
 def test_a_name_that_no_file_can_have_is_refused_with_its_reason(case, command, name):
     result = cli(command[0], case, *command[1:], name)

@@ -250,7 +250,7 @@ def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(t
     [
         ("run --json", "run", "Missing argument 'CONFIG'"),
         (f"run {CONFIGS / 'clamped_beam.toml'} --sed 1 --json", "run", "No such option '--sed'"),
-        ("simulate a.toml --json --seed x", "simulate", "'x' is not a valid integer"),
+        ("check a.toml --json --seed x", "check", "'x' is not a valid integer"),
         ("rum --json", None, "No such command 'rum'"),
         ("--sed --json", None, "No such option '--sed'"),
     ],

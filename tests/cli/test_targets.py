@@ -11,12 +11,11 @@ import pytest
 from jointbayes.posterior import Posterior
 from tests.conftest import cheap_text, cli, edited, without_stages
 from vibrecords import FrfSet
-from vibrecords.formats import FORMATS, write_frf
+from vibrecords.formats import write_frf
 
 #: Each with what stands before the name of its target; one chooses the name itself.
 COMMANDS = {
     "init": ("init",),
-    "simulate": ("simulate", "virtual.toml", "--format", "csv", "--out"),
     "inspect": ("inspect", "tip.csv", "--figure"),
     "run": ("run", "clamp.toml", "--out"),
     "sample": ("sample", "clamp.toml", "--out"),
@@ -38,7 +37,6 @@ TARGETS = {
 #: Work that must not begin.
 WORK = (
     "jointbayes.workflow.sample",
-    "jointbayes.studies.simulated_test.simulate",
     "vibrecords.inspection.contents_of",
     "jointbayes.report.run_directory.write_run",
     "jointbayes.report.export.export",
@@ -70,7 +68,6 @@ def prepared(tmp_path_factory, cheap_posterior: Posterior):
     noise = '[data.variance]\nsource = "relative"\nrelative = 0.02\nfloor = 0.01\n\n'
     (folder / "base.toml").write_text(f"{whole[:start]}{data}{noise}{whole[end:]}", encoding="utf-8")
     (folder / "clamp.toml").write_text('extends = "base.toml"\ntitle = "Clamp"\n', encoding="utf-8")
-    (folder / "virtual.toml").write_text(f"{whole}\n[virtual_test]\n", encoding="utf-8")
     with h5py.File(folder / "theirs.h5", "w") as theirs:
         theirs["years"] = np.arange(5.0)
     (folder / "thesis.txt").write_text("written by: jointbayes, said the reader\n", encoding="utf-8")
@@ -120,20 +117,6 @@ def test_nothing_that_jointbayes_did_not_write_is_replaced(user, monkeypatch, co
     assert after == before
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_a_simulated_file_of_each_format_is_replaced_and_one_of_another_program_is_not(user, form):
-    arguments = ("simulate", "virtual.toml", "--format", form, "--out", "test.file", "--seed")
-    first = [cli(*arguments, 1).exit_code, Path("test.file").read_bytes()]
-    assert [cli(*arguments, 2).exit_code, Path("test.file").read_bytes() != first[1]] == [first[0], True] == [0, True]
-    theirs = Path("test.file").read_bytes().replace(b"jointbayes", b"an.analyser"[:10])
-    Path("test.file").write_bytes(theirs)
-    result = cli(*arguments, 3)
-    assert (result.exit_code, Path("test.file").read_bytes()) == (2, theirs)
-    (line,) = without_stages(result.stderr)
-    assert line.startswith("jointbayes: test.file: found a file; expected a new one, or a file that jointbayes wrote; ")
-    assert line.endswith("; choose another --out, or replace it by --force")
-
-
 @pytest.mark.whole
 @pytest.mark.parametrize("form", ["uff58", "mat", "csv", "nastran", "abaqus", "ansys"])
 def test_an_exported_file_and_a_figure_are_replaced(user, form):
@@ -151,10 +134,10 @@ def test_a_posterior_replaces_posteriors_alone_and_nothing_else_replaces_one(use
     assert cli("sample", "clamp.toml", "--out", "draws.nc").exit_code == 0
     assert Path("draws.nc").stat().st_ino != older
     whole = Path("draws.nc").read_bytes()
-    assert cli("simulate", "virtual.toml", "--out", "draws.nc", "--format", "hdf5").exit_code == 2
+    assert cli("export", "draws.nc", "--to", "draws.nc", "--format", "csv").exit_code == 2
     assert Path("draws.nc").read_bytes() == whole
-    assert cli("simulate", "virtual.toml", "--out", "new.h5").exit_code == 0
-    assert "a posterior that jointbayes wrote" in cli("sample", "clamp.toml", "--out", "new.h5").stderr
+    assert cli("export", "draws.nc", "--to", "new.csv").exit_code == 0
+    assert "a posterior that jointbayes wrote" in cli("sample", "clamp.toml", "--out", "new.csv").stderr
 
 
 def test_force_replaces_a_text_and_through_a_link_nothing(user, monkeypatch, cheap_posterior):
@@ -166,7 +149,7 @@ def test_force_replaces_a_text_and_through_a_link_nothing(user, monkeypatch, che
     draws = Path("draws.nc").read_bytes()
     assert cli("sample", "clamp.toml", "--out", "old").exit_code == 0
     assert (Path("old").is_symlink(), Path("draws.nc").read_bytes()) == (False, draws)
-    for arguments in (COMMANDS["sample"], COMMANDS["simulate"], COMMANDS["export"], COMMANDS["inspect"]):
+    for arguments in (COMMANDS["sample"], COMMANDS["export"], COMMANDS["inspect"]):
         Path("thesis.txt").write_bytes(text)
         assert cli(*arguments, "thesis.txt").exit_code == 2
         assert Path("thesis.txt").read_bytes() == text
@@ -177,8 +160,8 @@ def test_force_replaces_a_text_and_through_a_link_nothing(user, monkeypatch, che
 @pytest.mark.parametrize("way", ["as it is", "spelt otherwise", "link", "hard link"])
 @pytest.mark.parametrize(
     ("command", "read"),
-    [("sample", "clamp.toml"), ("sample", "base.toml"), ("sample", "tip.csv"), ("simulate", "virtual.toml"),
-     ("inspect", "tip.csv"), ("export", "draws.nc")],
+    [("sample", "clamp.toml"), ("sample", "base.toml"), ("sample", "tip.csv"), ("inspect", "tip.csv"),
+     ("export", "draws.nc")],
 )  # fmt: skip
 def test_what_is_read_is_never_replaced(user, command, read, way):
     target = {"as it is": read, "spelt otherwise": f"folder/../{read}"}.get(way, "other")
@@ -195,7 +178,7 @@ def test_what_is_read_is_never_replaced(user, command, read, way):
 @pytest.mark.parametrize("command", ["run", "compare", "campaign"])
 def test_a_directory_that_holds_what_is_read_is_not_written(user, command):
     Path("out").mkdir()
-    shutil.copy("virtual.toml", "out/case.toml")
+    Path("out/case.toml").write_text(cheap_text(), encoding="utf-8")
     Path("out/summary.json").write_text("{}", encoding="utf-8")
     before = state(user)
     result = cli(command, "out/case.toml", "--out", "out")

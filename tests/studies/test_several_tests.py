@@ -1,16 +1,14 @@
 """Studies of a case with several tests: each works, or says in one line that it does not."""
 
-import re
-
 import numpy as np
 import pytest
+from benchmarks.virtual_test import Truth, simulate
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign import read_cases
 from jointbayes.studies.compare import hypothesis_problem, require_same_data
-from jointbayes.studies.simulated_test import Truth, simulate
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
@@ -47,7 +45,7 @@ def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
     assert_array_equal(one.test.data.frf.values, simulated_values(alone, theta, np.random.default_rng(1)))
 
 
-def test_each_test_is_measured_in_a_virtual_test(tmp_path):
+def test_each_test_is_measured_in_a_virtual_test():
     case = case_of(TWO + HEARD.replace("natural_frequencies", "natural_frequencies"))
     records = simulate(case, test="short", seed=1)
     assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
@@ -61,28 +59,6 @@ def test_each_test_is_measured_in_a_virtual_test(tmp_path):
         jb.CaseError, match=r"^case:\d+: tests.heard.data.kind: found \"natural_frequencies\"; expected"
     ):
         simulate(case, test="heard", seed=1)
-
-
-def test_simulate_writes_a_file_for_each_test(tmp_path):
-    (tmp_path / "case.toml").write_text(BASE + TWO, encoding="utf-8")
-    result = cli("simulate", tmp_path / "case.toml", "--out", tmp_path / "test.uff")
-    assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in tmp_path.glob("*.uff")) == ["test-long.uff", "test-short.uff"]
-
-
-@pytest.mark.parametrize(
-    ("last", "key"),
-    [(HEARD, r"tests\.heard\.data\.kind: found \"natural_frequencies\""),
-     ('[tests.slow.virtual_test]\nmethod = "impact"\nsample_rate_hz = 1000.0\n',
-      r"tests\.slow\.virtual_test: found 1000 samples per second")],
-)  # fmt: skip
-def test_where_a_test_cannot_be_simulated_no_file_is_written(tmp_path, last, key):
-    (tmp_path / "case.toml").write_text(BASE + TWO + last, encoding="utf-8")
-    result = cli("simulate", tmp_path / "case.toml", "--out", tmp_path / "test.uff")
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert re.search(rf"case\.toml:\d+: {key}", line)
-    assert not list(tmp_path.glob("*.uff"))
 
 
 def test_hypotheses_are_those_of_every_test():

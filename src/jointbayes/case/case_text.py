@@ -369,9 +369,9 @@ def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
 def drop_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | None:
     """The text of a test without a table that stands for all, and its key; None where it is not such a table.
 
-    An uncertain quantity that a test does not have, a virtual test: those of the others are none of it.
+    An uncertain quantity that a test does not have: those of the others are none of it.
     """
-    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2, "virtual_test": 1}
+    depths = {"uncertain": 4 if path[1:2] == ("bodies",) else 2}
     depth = depths.get(str(path[0])) if path else None
     key = tuple(map(str, path[:depth]))
     if not text.test or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):

@@ -90,43 +90,6 @@ def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
     )
 
 
-@click.command()
-@common.config_argument
-@common.outside_option
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Measurement file to write.")
-@click.option("--format", "form", type=click.Choice(list(FORMATS)), help="By default that of the file's ending.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the test; by default that of [virtual_test].")
-@force_option
-def simulate(config: Path, out: Path, form: str | None, seed: int | None) -> None:
-    """Measure the truth of a case in a virtual test and write a measurement file, or one for each test.
-
-    \b
-    Examples:
-      jointbayes simulate configs/virtual_test.toml --out test.uff
-    """
-    from jointbayes.case.case import load_case
-    from jointbayes.case.case_text import read_case_text
-    from jointbayes.studies.simulated_test import describe
-    from jointbayes.studies.simulated_test import simulate as measure
-    from vibrecords.formats import write_records
-
-    chosen = form or format_of_ending(out, FORMATS)
-    manner().read += read_case_text(config, manner().allow_outside).files
-    require_free(out, "--out")
-    case = load_case(config, allow_outside=manner().allow_outside)
-    targets = {test.name: out.with_stem(f"{out.stem}-{test.name}") if test.name else out for test in case.tests}
-    measured = {}
-    for test in case.tests:  # all of them before any is written
-        require_free(targets[test.name], "--out")
-        measured[test.name] = measure(case, test=test.name, seed=seed)
-    for name, records in measured.items():
-        write_records(records, targets[name], chosen)
-        for line in describe(records):
-            say(line)
-        manner().result.setdefault("files", []).append(str(targets[name]))
-        say(f"Measurement: {targets[name]} ({chosen})")
-
-
 @click.command("inspect")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--figure", type=click.Path(path_type=Path), help="SVG file to draw FRFs and hits into.")

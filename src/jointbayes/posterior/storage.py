@@ -309,7 +309,7 @@ PROBLEM_GROUP = "problem"
 _ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
 #: A setting that changes no draw, and tables of a case that are only shown or compared with the result.
 _NO_MATTER = frozenset({"budget_s"})
-_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "virtual_test", "tests"})
+_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "tests"})
 _LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
 _VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")
 

@@ -32,7 +32,7 @@ from vibrecords import Quantity
 
 #: Tables of a case on data that there are none of.
 _OF_DATA = frozenset(
-    {"data", "noise", "left_out", "plan", "compare", "reference", "virtual_test", "identification", "sampling"}
+    {"data", "noise", "left_out", "plan", "compare", "reference", "identification", "sampling"}
     | {"tests", "level", "assembly", "bodies"}
 )
 

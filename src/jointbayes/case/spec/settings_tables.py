@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from jointbayes.case.spec.fields import (
-    ESTIMATOR,
     FREQUENCIES,
     JOINED,
     MOST_ENSEMBLES,
@@ -20,7 +19,6 @@ from jointbayes.case.spec.fields import (
     MOST_WALKERS,
     OWN,
     Finding,
-    Fraction,
     Frequencies,
     Labels,
     ListOf,
@@ -146,7 +144,6 @@ class TestSpec(Spec):
     bodies: Annotated[_Table, _changes("the measured bodies")] = None
     prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
     noise: Annotated[_Table, _changes("how residuals are judged")] = None
-    virtual_test: Annotated[_Table, _changes("how `simulate` measures")] = None
 
 
 _LEFT_MODES = Field(description="a list of the numbers of modes that are left out and predicted", examples=[[3, 4]])
@@ -248,39 +245,3 @@ class NoiseModelSpec(Spec):
             law = self.distribution
             fault = f'found "integrated" with distribution = "{law}": the integral over the factor is Gaussian only'
             yield Finding(("scale",), fault, f'"known" or "sampled" with {law}', 'write scale = "sampled"')
-
-
-_METHOD = key_field('how the truth is measured, "frf", "impact" or "shaker"', "impact")
-_WRITES = key_field('what the file holds, "frf" or "time"', "frf")
-_HITS = Field(ge=1, le=10_000, description="the number of averages, a whole number from 1 to 10000", examples=[10])
-_OVERLAP = key_field("the overlap of the blocks, a number of at least 0 and below 1", 0.5, ge=0, lt=1)
-_FORCE_NOISE = not_negative("the noise of the force channel as a fraction of a typical peak", 0.001)
-_RESPONSE_NOISE = not_negative("the noise of the response channels as a fraction of a typical peak", 0.001)
-_END = key_field("the exponential window at the end of a block, above 0 and at most 1", 0.05)
-_MOST_HITS = 10_000
-
-
-class VirtualTestSpec(Spec):
-    """A test on paper with the truth of `[data.truth]`, in the band of `[data]`."""
-
-    used_with = {  # noqa: RUF012 (no field)
-        **dict.fromkeys(("writes", "estimator", "block_s", "sample_rate_hz"), ("method", "impact", "shaker")),
-        **dict.fromkeys(("force_noise", "response_noise"), ("method", "impact", "shaker")),
-        **dict.fromkeys(("exponential_end", "double_hits", "overloads"), ("method", "impact")),
-        "overlap": ("method", "shaker"),
-    }
-
-    method: Annotated[Literal["frf", "impact", "shaker"], _METHOD] = "frf"
-    writes: Annotated[Literal["frf", "time"], _WRITES] = "frf"
-    seed: Annotated[int, count_field("the seed", 1, 0)] = 1
-    averages: Annotated[int | None, _HITS] = None
-    extra_outputs: Annotated[Labels, key_field("a list of further measured DOFs", ["1:y"])] = ()
-    estimator: Annotated[Literal["H1", "H2", "Hv"], ESTIMATOR] = "H1"
-    block_s: Annotated[Positive | None, positive("the length of a block in s", 1.0)] = None
-    sample_rate_hz: Annotated[Positive | None, positive("the number of samples per second", 10_000.0)] = None
-    force_noise: Annotated[float, _FORCE_NOISE] = 0.0005
-    response_noise: Annotated[float, _RESPONSE_NOISE] = 0.001
-    exponential_end: Annotated[Fraction, _END] = 1.0
-    double_hits: Annotated[int, count_field("the number of double hits", 1, 0, _MOST_HITS)] = 0
-    overloads: Annotated[int, count_field("the number of overloaded hits", 1, 0, _MOST_HITS)] = 0
-    overlap: Annotated[float, _OVERLAP] = 0.5

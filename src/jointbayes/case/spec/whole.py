@@ -49,7 +49,6 @@ from jointbayes.case.spec.settings_tables import (
     ReferenceSpec,
     SamplingSpec,
     TestSpec,
-    VirtualTestSpec,
 )
 from jointbayes.case.spec.structure_tables import (
     BeamSpec,
@@ -135,7 +134,6 @@ class CaseSpec(Spec):
     predict: Annotated[
         PredictSpec | None, Field(description="what `predict` is to compute of this structure: DOFs and lines")
     ] = None
-    virtual_test: Annotated[VirtualTestSpec, Field(description="how `simulate` measures")] = VirtualTestSpec()
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
 
     @property
@@ -600,22 +598,6 @@ def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:
         yield Finding(("left_out", "tests"), fault, "joints that tests share", "remove it")
 
 
-def _virtual_test_findings(case: CaseSpec) -> Iterator[Finding]:
-    """Yield a virtual test without a truth, and extra outputs that do not exist, are held or are measured anyway."""
-    test, made = case.virtual_test, case.synthetic
-    if made is None:
-        if test != VirtualTestSpec():
-            yield Finding(("virtual_test",), "no truth that a virtual test could measure", _FRF_ONLY, "remove it")
-        return
-    loc = ("virtual_test", "extra_outputs")
-    yield from _immovable_dofs(case, {loc: test.extra_outputs})
-    measured = frozenset(made.outputs)
-    for i, label in enumerate(test.extra_outputs):
-        if label in measured:
-            fault = f'"{label}" is one of data.outputs, which are measured anyway'
-            yield Finding((*loc, i), fault, "a further DOF", "remove it")
-
-
 #: Rules between tables that are each right by themselves.
 _RULES = (
     _test_findings,
@@ -626,5 +608,4 @@ _RULES = (
     _truth_findings,
     _noise_findings,
     _left_out_findings,
-    _virtual_test_findings,
 )

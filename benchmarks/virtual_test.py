@@ -1,9 +1,10 @@
-"""Virtual tests: measure the truth that a case states, and return what a measurement file would hold."""
+"""Virtual tests for studies: measure the truth that a case states, and return what a measurement file would hold."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import scipy  # its parts load at first use
@@ -11,7 +12,6 @@ import scipy  # its parts load at first use
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.case.case_objects import CaseTest, generator_of, true_family, true_stiffness
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
-from jointbayes.case.spec.settings_tables import VirtualTestSpec
 from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model, rigid_body_modes
 from jointbayes.joint import JointMatrix
@@ -20,7 +20,7 @@ from jointbayes.structure import Body
 from vibrecords import FrfSet, quantity_factor
 from vibrecords.arrays import Array
 from vibrecords.formats import records_of_frf
-from vibrecords.records import FrfRecord, Record, TimeRecord
+from vibrecords.records import Record, TimeRecord
 from vibrecords.signals.impact import frfs_of_hits
 from vibrecords.signals.spectra import ImpactSettings, MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.signals.windows import effective_averages, lines_apart
@@ -32,6 +32,25 @@ _BLOCK_DECAY = {"impact": 10.0, "shaker": 30.0}
 #: Time histories, and what makes FRFs of them.
 _Histories = tuple[list[TimeRecord], Callable[[list[TimeRecord]], MadeFrfs]]
 _GONE = 20.0  # the same, for what must have died away altogether
+
+
+@dataclass(frozen=True)
+class VirtualTest:
+    """How a truth is measured, at the lines of `[data]`; `averages` are by default those of `[data.noise]`, or 10."""
+
+    method: Literal["frf", "impact", "shaker"] = "frf"
+    writes: Literal["frf", "time"] = "frf"
+    averages: int | None = None
+    extra_outputs: tuple[str, ...] = ()
+    estimator: Literal["H1", "H2", "Hv"] = "H1"
+    block_s: float | None = None  # by default the least multiple of 1/f_step_hz in which the slowest mode decays
+    sample_rate_hz: float | None = None  # by default eight times the highest line
+    force_noise: float = 0.0005  # sd over the peak of a nominal hit, or over the sd of the shaker's force
+    response_noise: float = 0.001  # the same of each response
+    exponential_end: float = 1.0
+    double_hits: int = 0
+    overloads: int = 0
+    overlap: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -99,28 +118,11 @@ class Truth:
 
 
 @one_blas_thread()
-def simulate(
-    case: AnyCase, settings: VirtualTestSpec | None = None, *, test: str = "", seed: int | None = None
-) -> list[Record]:
-    """Measure the truth of a case in a virtual test.
+def simulate(case: AnyCase, settings: VirtualTest | None = None, *, test: str = "", seed: int = 1) -> list[Record]:
+    """Measure the truth of a case, or of one of its tests, whose data are computed.
 
-    Parameters
-    ----------
-    case
-        Case, or path of its file, with data of kind ``"synthetic_frf"``: its `[data.truth]` is measured at its outputs,
-        for its inputs, in its band. The noise of `[data.noise]` is that of method ``"frf"``; the others have noise on
-        their channels.
-    settings
-        The `[virtual_test]` table; by default the case's own.
-    test
-        Which of several tests is measured.
-    seed
-        Seed of all noise, hits and forces; by default that of the `[virtual_test]` table.
-
-    Returns
-    -------
-    list of FrfRecord or TimeRecord
-        One for each pair of output and input, or one for each channel and hit.
+    Returns one record for each pair of output and input, or for each channel and hit. The noise of `[data.noise]` is
+    that of method ``"frf"``; the others have noise on their channels.
 
     Raises
     ------
@@ -130,15 +132,10 @@ def simulate(
         If the test cannot be made so, for example with blocks too short for the lines.
     """
     truth = Truth(require_case(case), test)
-    asked = truth.case_test.spec.virtual_test if settings is None else settings
-    try:
-        return _measured(truth, asked, generator_of(asked.seed if seed is None else seed, truth.case_test.name))
-    except MeasurementError as error:
-        words = str(error).removeprefix("virtual test: ")
-        raise MeasurementError(truth.case_test.source.fault(("virtual_test",), words)) from error
+    return _measured(truth, settings or VirtualTest(), generator_of(seed, truth.case_test.name))
 
 
-def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> list[Record]:
+def _measured(truth: Truth, test: VirtualTest, rng: np.random.Generator) -> list[Record]:
     outputs = truth.data.outputs + test.extra_outputs
     averages = test.averages or truth.data.noise.averages or _AVERAGES
     if test.method == "frf":
@@ -154,7 +151,7 @@ def _measured(truth: Truth, test: VirtualTestSpec, rng: np.random.Generator) -> 
     return [frf if step is None else frf.at_lines(lines_apart(frf.frequency_hz, step)) for frf in frfs]
 
 
-def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
+def _rig(truth: Truth, test: VirtualTest, outputs: tuple[str, ...]) -> Rig:
     """Structure and analyser; blocks are multiples of 1/f_step_hz, so that the lines of the case are among theirs."""
     decay = truth.decay_rate
     if not decay > 0:
@@ -184,7 +181,7 @@ def _rig(truth: Truth, test: VirtualTestSpec, outputs: tuple[str, ...]) -> Rig:
     )
 
 
-def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
+def _impact(truth: Truth, test: VirtualTest, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
     low, high = truth.data.band_hz
     hammer = Hammer(averages, 1 / high, test.double_hits, test.overloads)
     records = list(hammer_records(rig, hammer, ChannelNoise(test.force_noise, test.response_noise), rng))
@@ -198,7 +195,7 @@ def _impact(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     return records, lambda made: frfs_of_hits(made, settings)
 
 
-def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
+def _shaker(truth: Truth, test: VirtualTest, rig: Rig, averages: int, rng: np.random.Generator) -> _Histories:
     low, high = truth.data.band_hz
     settings = ShakerSettings(rig.block / rig.sample_rate_hz, test.overlap, "hann", test.estimator, low, high)
     hop = max(round(rig.block * (1 - test.overlap)), 1)
@@ -208,25 +205,3 @@ def _shaker(truth: Truth, test: VirtualTestSpec, rig: Rig, averages: int, rng: n
     noise = ChannelNoise(test.force_noise, test.response_noise)
     records = list(shaker_records(rig, rig.block + (blocks - 1) * hop, noise, rng))
     return records, lambda made: frfs_of_shaker(made, settings)
-
-
-def describe(records: list[Record]) -> list[str]:
-    """What a virtual test holds, in a few lines of text."""
-    frfs = [record for record in records if isinstance(record, FrfRecord)]
-    lines = []
-    if frfs:
-        first = frfs[0]
-        lines.append(
-            f"{len(frfs)} FRF{'s' * (len(frfs) > 1)} ({first.quantity}) of {first.frequency_hz.size} lines, "
-            f"{first.frequency_hz[0]:g} to {first.frequency_hz[-1]:g} Hz, averages: {first.averages}"
-        )
-    times = [record for record in records if isinstance(record, TimeRecord)]
-    if times:
-        first_time = times[0]
-        seconds = first_time.values.size / first_time.sample_rate_hz
-        hits = len({record.hit for record in times})
-        lines.append(
-            f"{len(times)} time histories of {seconds:g} s at {first_time.sample_rate_hz:g} samples per second, "
-            f"{hits} hit{'s' * (hits > 1)} or runs"
-        )
-    return lines

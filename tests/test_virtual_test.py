@@ -1,20 +1,15 @@
 """Virtual tests: records that hold the truth of a case, with the noise that is stated."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from benchmarks.virtual_test import Truth, VirtualTest, simulate
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
-from jointbayes.case.spec.settings_tables import VirtualTestSpec
-from jointbayes.cli.commands import main
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.studies.simulated_test import Truth, describe, simulate
-from tests.conftest import TABLE_3, cheap_text, cli, edited, pair_matrix
+from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
 from tests.one_line import refused
 from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
-from vibrecords.formats import FORMATS, detect_format, iter_records
 from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits
 from vibrecords.simulated import noisy_frf
@@ -22,8 +17,8 @@ from vibrecords.simulated import noisy_frf
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 
 
-def virtual_case(*changes: tuple[str, str], table: str = "") -> jb.Case:
-    return jb.case_from_text("virtual", edited(cheap_text(), *changes) + f"\n[virtual_test]\n{table}\n")
+def virtual_case(*changes: tuple[str, str]) -> jb.Case:
+    return jb.case_from_text("virtual", edited(cheap_text(), *changes))
 
 
 def as_set(records: list[Record]) -> FrfSet:
@@ -43,9 +38,8 @@ def test_the_frfs_of_a_virtual_test_are_those_of_the_truth(quantity, unit):
         ("relative = 0.008", "relative = 1e-9"),
         ("floor = 0.0016", "floor = 1e-12"),
         ("k11 = 5.05e9", "gain = 1.5\nk11 = 5.05e9"),
-        table='extra_outputs = ["3:y", "1:rz"]',
     )
-    records = simulate(case, seed=1)
+    records = simulate(case, VirtualTest(extra_outputs=("3:y", "1:rz")), seed=1)
     assert [(r.response, r.reference) for r in records] == [
         (response, "Point:5:Y+") for response in ("Point:5:Y+", "Point:3:Y+", "Point:1:RZ+")
     ]
@@ -92,12 +86,11 @@ def test_one_average_has_no_coherence():
 
 
 def test_averages_are_those_of_the_test_then_of_the_noise():
-    by_coherence = ("relative = 0.008", "coherence = 0.9\naverages = 7")
-    for case, averages in ((virtual_case(by_coherence), 7), (virtual_case(by_coherence, table="averages = 4"), 4)):
-        assert simulate(case, seed=1)[0].averages == averages
-    assert simulate(case, VirtualTestSpec(averages=3), seed=1)[0].averages == 3
-    case = virtual_case(by_coherence, ("floor = 0.0016", "floor = 0"))
-    assert as_set(simulate(case, seed=1)).coherence.mean() == pytest.approx(0.9, abs=0.02)
+    case = virtual_case(("relative = 0.008", "coherence = 0.9\naverages = 7"))
+    assert simulate(case)[0].averages == 7
+    assert simulate(case, VirtualTest(averages=3))[0].averages == 3
+    case = virtual_case(("relative = 0.008", "coherence = 0.9\naverages = 7"), ("floor = 0.0016", "floor = 0"))
+    assert as_set(simulate(case)).coherence.mean() == pytest.approx(0.9, abs=0.02)
 
 
 def test_the_same_seed_gives_the_same_test():
@@ -129,11 +122,8 @@ def test_coherence_noise_of_the_case_is_used_as_stated():
      ("shaker", "receptance"), ("shaker", "mobility"))),
 ])  # fmt: skip
 def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise(method, quantity):
-    case = virtual_case(
-        ('quantity = "receptance"', f'quantity = "{quantity}"'),
-        table=f'method = "{method}"\naverages = 12\nextra_outputs = ["3:y"]',
-    )
-    found = as_set(simulate(case, seed=4))
+    case = virtual_case(('quantity = "receptance"', f'quantity = "{quantity}"'))
+    found = as_set(simulate(case, VirtualTest(method, averages=12, extra_outputs=("3:y",)), seed=4))
     assert found.outputs == ("Point:5:Y+", "Point:3:Y+")
     lines = np.array(case.spec.data.lines_hz())
     assert_allclose(found.frequency_hz, lines, rtol=1e-9)
@@ -147,8 +137,8 @@ def test_the_frfs_of_simulated_records_are_those_of_the_truth_within_their_noise
 )
 def test_other_laws_of_damping_are_tested_as_well(law, key):
     damping = ('law = "modal"', f'law = "{law}"'), ("ratio = 0.01", key)
-    case = virtual_case(*damping, ('"receptance"', '"accelerance"'), table='method = "impact"')
-    found = as_set(simulate(case, seed=4))
+    case = virtual_case(*damping, ('"receptance"', '"accelerance"'))
+    found = as_set(simulate(case, VirtualTest("impact"), seed=4))
     z = np.abs(found.values - Truth(case).frf(found.frequency_hz, ("5:y",)).values) ** 2 / jb.coherence_variance(found)
     assert z.mean() == pytest.approx(1.125, abs=0.3)
 
@@ -160,8 +150,8 @@ def test_the_decay_rate_is_that_of_the_slowest_mode():
 
 
 def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
-    table = 'method = "impact"\nwrites = "time"\naverages = 2\ndouble_hits = 1\noverloads = 1\nextra_outputs = ["3:y"]'
-    records = simulate(virtual_case(table=table), seed=1)
+    test = VirtualTest("impact", "time", averages=2, double_hits=1, overloads=1, extra_outputs=("3:y",))
+    records = simulate(virtual_case(), test, seed=1)
     assert all(isinstance(record, TimeRecord) for record in records)
     assert [(r.hit, r.channel, r.quantity, r.unit) for r in records[:3]] == [
         (1, "Point:5:Y+", "force", "N"),
@@ -171,72 +161,9 @@ def test_time_histories_are_written_hit_by_hit_with_double_hits_and_overloads():
     assert [record.hit for record in records] == [1] * 3 + [2] * 3 + [3] * 3 + [4] * 3
     hits = find_hits([r for r in records if r.quantity == "force"], HitSettings())
     assert sorted(hit.reason.split(",")[0] for hit in hits) == ["", "", "double hit", "force overloaded"]
-    assert describe(records) == ["12 time histories of 1.4 s at 20000 samples per second, 4 hits or runs"]
+    assert {(record.values.size, record.sample_rate_hz) for record in records} == {(28_000, 20_000.0)}
 
 
 def test_a_structure_without_damping_rings_for_ever_and_is_refused():
-    undamped = virtual_case(
-        ("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"), table='method = "impact"'
-    )
-    refused(lambda: simulate(undamped, seed=1), jb.MeasurementError, "without damping")
-
-
-# command line
-
-
-def command(tmp_path: Path, table: str, *options: str):
-    file = tmp_path / "case.toml"
-    file.write_text(cheap_text() + f"\n[virtual_test]\n{table}\n", encoding="utf-8")
-    return cli("simulate", file, *options)
-
-
-def read(path: Path) -> list[Record]:
-    return list(iter_records(path))
-
-
-@pytest.mark.parametrize("form", FORMATS)
-def test_simulate_writes_every_format(tmp_path, form):
-    out = tmp_path / "tip.dat"
-    result = command(tmp_path, 'extra_outputs = ["3:y"]', "--out", str(out), "--format", form, "--seed", "7")
-    assert result.exit_code == 0, result.output
-    assert result.output.splitlines() == [
-        "2 FRFs (receptance) of 249 lines, 20 to 2500 Hz, averages: 10",
-        f"Measurement: {out} ({form})",
-    ]
-    expected = simulate(virtual_case(table='extra_outputs = ["3:y"]'), seed=7)
-    for found, record in zip(read(out), expected, strict=True):
-        assert (found.response, found.reference, found.averages) == (record.response, record.reference, 10)
-        assert_allclose(found.values, record.values, rtol=1e-5)
-        assert_allclose(found.coherence, record.coherence, rtol=1e-5)
-
-
-def test_the_ending_chooses_the_format_and_the_table_the_seed(tmp_path):
-    values = {}
-    for name, options in (("a.npz", ()), ("b.npz", ("--seed", "3")), ("c.csv", ())):
-        out = tmp_path / name
-        result = command(tmp_path, "seed = 3" if name != "c.csv" else "seed = 4", "--out", str(out), *options)
-        assert result.exit_code == 0, result.output
-        assert detect_format(out) == ("table" if name == "c.csv" else "npz")
-        values[name] = read(out)[0].values
-    assert_array_equal(values["a.npz"], values["b.npz"])
-    assert (values["a.npz"] != values["c.csv"]).all()
-
-
-def test_simulate_offers_the_formats_that_can_be_written():
-    (option,) = (option for option in main.commands["simulate"].params if option.name == "form")
-    assert sorted(option.type.choices) == sorted(FORMATS)
-
-
-@pytest.mark.parametrize(("table", "out", "message"), [
-    ("", "tip.docx", "found no format of the ending '.docx'"),
-    ("", "tip", "found no format of the ending ''"),
-    ("averages = 0", "tip.uff", "virtual_test.averages"),
-    ('method = "impact"\nsample_rate_hz = 5e3', "tip.uff", "5000 samples per second for lines up to 2500 Hz"),
-    ("", "absent/tip.uff", "absent"),
-])  # fmt: skip
-def test_what_cannot_be_simulated_is_said_in_one_line(tmp_path, table, out, message):
-    result = command(tmp_path, table, "--out", str(tmp_path / out))
-    assert result.exit_code == 2
-    assert message in result.output
-    assert len(result.output.splitlines()) == 1
-    assert not (tmp_path / out).exists()
+    undamped = virtual_case(("ratio = 0.01", "ratio = 0.0"), ("f_min_hz = 20.0", "f_min_hz = 21.3"))
+    refused(lambda: simulate(undamped, VirtualTest("impact")), jb.MeasurementError, "without damping")
