@@ -34,7 +34,7 @@ from vibrecords.modal_fit import fit_modes, modes_and_doubtful
 from vibrecords.provenance import MeasuredFile, MeasuredMode, MeasurementWarning, Provenance
 from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.rotations import joint_frf_set, replace_stations
-from vibrecords.signals.impact import frfs_of_hits, settings_of
+from vibrecords.signals.impact import frfs_of_hits, line_step_of, settings_of, without_window
 from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.variance import RelativeNoise, coherence_variance
 from vibrecords.warnings.collector import find_warnings
@@ -222,8 +222,14 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     source = "" if plan.variance is None else plan.variance.source
     used, left_out = measured_lines(cut, where, plan.exclude_hz, needs_coherence=source == "coherence")
     notes += left_out
+    if plan.window_tau_s is not None:
+        used = [replace(record, window_rate=1 / plan.window_tau_s) for record in used]
     sets = [join_frfs(group, where) for group in _repetitions(used, where, allowed=source == "repeats")]
-    step = plan.line_step or made.line_step
+    step = plan.line_step or max(made.line_step, line_step_of(sets[0]))
+    if sets[0].window_rate:
+        corrected = [without_window(frf) for frf in sets]
+        sets, note = [frf for frf, _ in corrected], corrected[0][1]
+        notes.append(f"{note[0].upper()}{note[1:]}.")
     if step > 1:
         why = "" if plan.line_step else ", since with the window that was used neighbouring lines depend on each other"
         notes.append(f"Of {step} lines one was kept{why}.")
@@ -249,6 +255,7 @@ def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[Meas
     """What is doubtful in the lines that are used, and in those that hold no number; not what the plan answers."""
     lines = [record.at_lines(~excluded_lines(record.frequency_hz, plan.exclude_hz)) for record in records]
     answered = {"uneven_lines"} if plan.exclude_hz else set()
+    answered |= {"exponential_window"} if plan.window_tau_s is not None else set()
     if plan.variance is not None and plan.variance.source != "coherence":
         answered |= {"coherence_missing", "coherence_one", "averages_missing"}
     return tuple(warning for warning in find_warnings(lines) if warning.key not in answered)

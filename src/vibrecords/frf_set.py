@@ -31,6 +31,8 @@ class FrfSet(OverFrequency):
         γ² in [0, 1], shape as `values`, or None where unknown.
     averages
         Number of averages behind each FRF, or None where unknown.
+    window_rate
+        a of an exponential window whose damping is still in the values, 1/s; modes are listed without it.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class FrfSet(OverFrequency):
     quantity: Quantity = "receptance"
     coherence: Array | None = None
     averages: int | None = None
+    window_rate: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values, complex))

@@ -247,6 +247,8 @@ class MeasurementPlan:
         Bands, lowest and highest frequency each, whose lines are left out.
     conjugate
         Whether the files hold complex conjugates: FRFs with the time factor exp(−iωt).
+    window_tau_s
+        Time constant of an exponential window on the FRFs of the files, s; None takes the file's word.
     free_gain
         Whether the scale of the FRFs is uncertain, so that they need no SI unit.
     line_step
@@ -282,5 +284,6 @@ class MeasurementPlan:
     frequencies: FrequencyPlan | None = None
     exclude_hz: tuple[tuple[float, float], ...] = ()
     conjugate: bool = False
+    window_tau_s: float | None = None
     free_gain: bool = False
     layout: Mapping[str, str] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -111,9 +111,17 @@ def fit_modes(
         fits = _fit_bands(frf, variance, (f_min_hz, f_max_hz), max_order)
         chi2, freedom, values = zip(*(fitted.all_values(frf.quantity) for fitted in fits), strict=True)
         modes, covariance = _modes_of(fits)
+        modes = tuple(_without_window(mode, frf.window_rate) for mode in modes)
         doubtful = tuple(doubt for fitted in fits for doubt in fitted.doubtful)
         shape = (-1, len(frf.outputs), len(frf.inputs))
         return ModalFit(modes, np.vstack(values).reshape(shape), sum(chi2) / sum(freedom), covariance, doubtful)
+
+
+def _without_window(mode: MeasuredMode, rate: float) -> MeasuredMode:
+    """A mode without the decay rate in 1/s that an exponential window has added to its pole."""
+    omega, decay = 2 * np.pi * mode.frequency_hz, 2 * np.pi * mode.frequency_hz * mode.damping_ratio
+    true = float(np.sqrt(omega**2 - decay**2 + (decay - rate) ** 2))
+    return replace(mode, frequency_hz=true / (2 * np.pi), damping_ratio=(decay - rate) / true) if rate else mode
 
 
 def identify_zeros(frf: FrfSet, variance: Array | None = None) -> dict[str, ModalFit]:

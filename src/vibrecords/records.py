@@ -58,6 +58,9 @@ class FrfRecord(OverFrequency):
     factor
         What the numbers of the file were multiplied by to be in SI units per newton; None where `unit` does not tell,
         or is none of an FRF over a force: the values are as written.
+    window_rate
+        a of the exponential window e^(−at) that the file states, 1/s: the values are H(jω + a). NaN where the file does
+        not say how fast it decays.
     """
 
     response: str
@@ -71,6 +74,7 @@ class FrfRecord(OverFrequency):
     where: str = ""
     notes: tuple[str, ...] = field(default=())
     factor: float | None = 1.0
+    window_rate: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values, complex))

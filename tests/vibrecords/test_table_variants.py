@@ -8,12 +8,18 @@ from time import process_time
 
 import numpy as np
 import pytest
+from benchmarks.made_files import function_58
 
-from tests.vibrecords.reading import records_of
+from tests.vibrecords.reading import put, records_of
 from tests.vibrecords.test_labview_layouts import xlsx
+from vibrecords.assemble import read_measurement
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf
+from vibrecords.inspection import inspect_file
+from vibrecords.measurement_plan import Channel, MeasurementPlan, VarianceSource
 from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord
+from vibrecords.variance import RelativeNoise
+from vibrecords.warnings.collector import find_warnings
 
 RIGHT, LISTED, ASKED, REFUSED = "right", "listed", "asked", "refused"
 MODES = ((38.2, 0.008, 0.05), (239.4, 0.006, 0.5), (670.3, 0.005, 2.0))
@@ -384,3 +390,94 @@ def test_many_lines_are_read_fast_and_as_one_by_one(tmp_path):
     np.testing.assert_array_equal(other.values, force)
     with pytest.raises(MeasurementError, match=r"line 40002: found '1,5'|points and commas"):
         records_of(tmp_path / "c.csv", plain.replace(plain.split("\n")[40_001], "0,78125;1,5"))
+
+
+# ---- exponential windows that a file states: e^(-a t) makes H(jω + a) of H(jω)
+
+TAU = 0.25
+PER_BLOCK = f"{100 * np.exp(-1 / TAU):.10g}"  # % at the end of a block of 1 s
+#: Lines above a table, or ID lines: what they say of a, 1/s.
+WINDOWS = {
+    **dict.fromkeys((
+        "Windows of force and response: Exponential, tau = 0.25 s", "Window: exponential, tau=0.25 s",
+        "Window: Expo\nTau: 0.25 s",
+        "Response window: Exponential; time constant 0.25 s", "Exponential window, time constant: 250 ms",
+        "Window type: Exponential\nTime constant [s]: 0.25", "Window type: Exponential\nTime constant [ms]: 250",
+        "Fenster: exponentiell, Zeitkonstante 0,25 s", "Exponential window (τ = 0.25 s)",
+        "Force window: Force/exponential, tau 0.25 s",
+        "Window: Exponential, decay rate 4 1/s", "Window: exponential 4.0 s^-1",
+        "Window: Exponential, decay time 0.25 s",
+        "Weighting: exponential, tau: 2.5e-1 s", "Exp window, tau = 0.25", "Fenêtre: exponentielle, tau = 0,25 s",
+        "Window: exponential, tau = 0.25 s\nAverages: 5\nOverlap: 50 %", "Window: Exponential, 5 averages, tau 0.25 s",
+        f"Window: Exponential {PER_BLOCK} %", f"Response window: Exponential (end value {PER_BLOCK} %)",
+        f"Exponential window, final value {np.exp(-1 / TAU):.12f}",
+        f"Overlap: 50 %\nWindow: Exponential, {PER_BLOCK} % at the end",
+    ), 1 / TAU),
+    **dict.fromkeys((
+        "Window: Exponential", "Force window: force\nResponse window: exponential",
+        "Exponential window on both channels",
+        "Window: Exponential\nOverlap: 50 %", "Window: exponential, overlap 66 %", "Fenster: Exponentiell",
+        "Windows: Force, Exponential\nAverages: 5",
+    ), np.nan),
+    **dict.fromkeys((
+        "Window: Hanning", "Window: none", "Window: no exponential window", "Averaging: Exponential, time constant 1 s",
+        "Average type: exponential\nWindow: Hann", "Exponential averaging, tau = 2 s", "Sensor time constant: 0.5 s",
+        "Operator: Expo team", "Fenster: ohne exponentielles Fenster", "Window: uniform\nOverlap: 50 %",
+        "Expected range: 5 %",
+    ), 0.0),
+}  # fmt: skip
+
+
+def windowed(above, mark, values):
+    lines = "".join(f"{mark}{line}\n" for line in above.split("\n"))
+    return lines + table(["Real [m/s^2/N]", "Imag [m/s^2/N]"], values.real, values.imag)
+
+
+@pytest.mark.parametrize("above", WINDOWS)
+@pytest.mark.parametrize("mark", ["", "# "])
+def test_what_a_file_says_of_an_exponential_window(tmp_path, above, mark):
+    rate = WINDOWS[above]
+    values = accelerance(added=np.nan_to_num(rate))
+    ((frf,), _) = ends(tmp_path, windowed(above, mark, values))
+    np.testing.assert_allclose(frf.window_rate, rate, rtol=1e-9)
+    keys = {warning.key for warning in find_warnings(frf)}
+    assert ("exponential_window" in keys) == np.isnan(rate)
+    assert any("as the file states" in note for note in frf.notes) == (rate > 0)
+
+
+def test_an_id_line_of_a_universal_file_states_a_window(tmp_path):
+    text = function_58(accelerance(added=1 / TAU)).split("\n")
+    text[3] = "Exponential window, tau = 0.25 s"
+    (frf,) = records_of(tmp_path / "a.uff", "\n".join(text))
+    assert frf.window_rate == pytest.approx(1 / TAU)
+
+
+DAMPING = [(fn, zeta) for fn, zeta, _ in MODES[:2]]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_damping_of_a_window_is_taken_out(tmp_path, stated):
+    """Of modes that are listed, of FRFs that are data, and of natural frequencies."""
+    content = windowed(
+        "Window: Exponential, tau = 0.25 s" if stated else "Window: Exponential", "# ", accelerance(added=1 / TAU)
+    )
+    path = put(tmp_path / "a.csv", content)
+    inspection = inspect_file(path)
+    found = [(mode.frequency_hz, mode.damping_ratio) for mode in inspection.modes]
+    if stated:
+        np.testing.assert_allclose(found, DAMPING, rtol=1e-3)
+    else:  # what the warning asks for
+        (warning,) = (w for w in inspection.warnings if w.key == "exponential_window")
+        assert "exponential_tau_s in [data]" in warning.remedy
+        assert found[0][1] == pytest.approx(0.0247, rel=2e-3)
+    channels = {"output 1": Channel("11:y"), "input 1": Channel("1:y")}
+    noise = VarianceSource("relative", RelativeNoise(0.01, 0.0))
+    plan = MeasurementPlan(channels, noise, line_step=1, window_tau_s=None if stated else TAU)
+    data = read_measurement(["a.csv"], tmp_path, plan)
+    np.testing.assert_allclose(data.frf.values[:, 0, 0], H, rtol=0.02, atol=0.02 * np.abs(H).max())
+    near = np.abs(F - 38.2) < 3
+    np.testing.assert_allclose(data.frf.values[near, 0, 0], H[near], rtol=0.02)
+    listed = [(mode.frequency_hz, mode.damping_ratio) for mode in data.provenance.modes]
+    np.testing.assert_allclose(listed, DAMPING, rtol=2e-2)  # a third mode lies above the band
+    assert not any(warning.key == "exponential_window" for warning in data.provenance.warnings)
+    assert any("Damping of the exponential window" in note for note in data.provenance.notes)

@@ -90,7 +90,7 @@ def test_noise_is_not_amplified_by_the_correction():
 
 def test_too_few_lines_are_refused():
     frf = FrfSet([100.0, 200.0, 300.0], np.ones((3, 1, 1)), ("1:y",), ("1:y",))
-    with pytest.raises(MeasurementError, match="3 lines for 3 modes; expected at least 4 lines"):
+    with pytest.raises(MeasurementError, match="3 lines for 3 modes; expected at least 5 lines"):
         remove_added_damping(frf, FREQUENCY, RATIO, RATE)
 
 

@@ -111,6 +111,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         _signals(data) if data.records else None,
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
+        window_tau_s=data.exponential_tau_s,
         layout=data.layout.model_dump(exclude_none=True) if data.layout else {},
     )
 

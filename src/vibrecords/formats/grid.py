@@ -201,6 +201,9 @@ def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
             f"{where}: {record.where}: found {record.quantity} beside {first.quantity} in {first.where}; expected one "
             "quantity throughout; split the file or state the quantity"
         )
+    if not np.isclose(record.window_rate, first.window_rate, equal_nan=True):
+        found = f"{record.where}: found another exponential window than in {first.where}"
+        raise MeasurementError(f"{where}: {found}; expected one window throughout; split the file")
     if not np.array_equal(record.frequency_hz, first.frequency_hz):
         own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (record, first))
         found = f"{record.where}: found {own} other than the {others} of {first.where}"
@@ -228,4 +231,13 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
         if coherence is not None:
             coherence[cell] = record.coherence
     assert first.quantity is not None
-    return FrfSet(first.frequency_hz, values, outputs, inputs, first.quantity, coherence, averages)
+    return FrfSet(
+        first.frequency_hz,
+        values,
+        outputs,
+        inputs,
+        first.quantity,
+        coherence,
+        averages,
+        np.nan_to_num(first.window_rate),
+    )

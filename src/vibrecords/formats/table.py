@@ -9,6 +9,7 @@ import numpy as np
 from vibrecords.arrays import Array, ComplexArray, complex_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import table_text as headers
+from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
 from vibrecords.formats.table_text import Column, ColumnTable, Role, describe, float_of
 from vibrecords.formats.units import TIME_S, in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate
@@ -171,8 +172,10 @@ class _Group:
         where = f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}"
         coherence = self.coherence(parts["coherence"]) if "coherence" in parts else None
         about = (self.columns[first].quantity or named or of_unit, unit, coherence, averages, where)
-        said = (*notes, *converted, *unnamed)
-        return FrfRecord(response, reference, lines, scaled(values, factor), *about, said, factor)
+        rate = stated_decay_rate("; ".join(map(": ".join, self.comments.items())), lines)
+        stated = (WINDOW_NOTE.format(1 / rate),) if rate > 0 else ()
+        said = (*notes, *converted, *unnamed, *stated)
+        return FrfRecord(response, reference, lines, scaled(values, factor), *about, said, factor, rate)
 
     def over_time(self) -> Iterator[Record]:
         """Time histories."""

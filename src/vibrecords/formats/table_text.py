@@ -603,6 +603,8 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
     rows: list[tuple[int, list[str]]] = []
     for entry in head:
         cells = _cells(entry, delimiter, count)
+        if re.search(r"\bexpo", entry.text, re.IGNORECASE):
+            comments.setdefault("said", entry.text)
         broken = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
         if broken is None and entry.is_comment:
             continue  # a row that was taken out

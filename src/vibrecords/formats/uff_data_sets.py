@@ -26,6 +26,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
 from vibrecords.formats.table_text import axis_role, bad_number, float_of, plain_text
 from vibrecords.formats.units import (
     MOTION_OF,
@@ -909,7 +910,9 @@ def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -
         notes.append(f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken")
     values, where = scaled(ordinate, factor).astype(complex, copy=False), f"data set {data_set.number}"
     squared = coherence_on(lines, _coherence(source, of_pair[nth - 1], place), where) if complete else None
-    told = (quantity, unit, squared, _averages(header), where, tuple(notes), factor)
+    rate = stated_decay_rate("; ".join(header.ids), lines)
+    notes += [WINDOW_NOTE.format(1 / rate)] if rate > 0 else []
+    told = (quantity, unit, squared, _averages(header), where, tuple(notes), factor, rate)
     return FrfRecord(response, reference, lines, values, *told)
 
 

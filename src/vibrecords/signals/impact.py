@@ -173,18 +173,36 @@ def corrected_frfs(results: Sequence[ImpactResult]) -> list[FrfRecord]:
     rate, records = results[0].added_decay_rate, [result.frf for result in results]
     if rate == 0:
         return records
-    together = join_frfs(records, "exponential window")
-    modes = identify_modes(_lower_coherence(together, rate))
+    corrected, note = without_window(replace(join_frfs(records, "exponential window"), window_rate=rate))
+    each = zip(records, corrected.values[:, :, 0].T, strict=True)
+    return [replace(record, values=values, notes=(record.notes[0], note)) for record, values in each]
+
+
+def without_window(frf: FrfSet) -> tuple[FrfSet, str]:
+    """FRFs without the damping of their exponential window, by the modes that are found in them, and a note on it.
+
+    Raises
+    ------
+    MeasurementError
+        If no mode is found.
+    """
+    rate, measured = frf.window_rate, replace(frf, window_rate=0.0)
+    modes = identify_modes(_lower_coherence(measured, rate))
     if not modes:
         raise MeasurementError(
-            f"exponential window: found no mode in the FRFs of {records[0].reference!r}; expected some, by which the "
+            f"exponential window: found no mode in the FRFs of {frf.inputs[0]!r}; expected some, by which the "
             "window's damping can be taken out; widen the band or use longer blocks without a window"
         )
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
-    corrected = windows.remove_added_damping(together, frequency, ratio, rate)
     note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
-    each = zip(records, corrected.values[:, :, 0].T, strict=True)
-    return [replace(record, values=values, notes=(record.notes[0], note)) for record, values in each]
+    return windows.remove_added_damping(measured, frequency, ratio, rate), note
+
+
+def line_step_of(frf: FrfSet) -> int:
+    """Every how many lines of FRFs are independent behind their exponential window."""
+    if not frf.window_rate or frf.n_lines < 2:
+        return 1
+    return _line_step(float(np.exp(-frf.window_rate / np.median(np.diff(frf.frequency_hz)))))
 
 
 def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:

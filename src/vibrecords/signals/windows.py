@@ -98,9 +98,11 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
 
 
 def _partial_fractions(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Columns of real unknowns: real and imaginary part of each residue, 1/s² below and 1 above, (lines, 2m + 2)."""
+    """Columns of real unknowns, (lines, 2m + 3): both parts of each residue, 1/s² for modes below, 1 and s² above."""
     direct, conjugate = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
-    return np.hstack([direct + conjugate, 1j * (direct - conjugate), 1 / s[:, None] ** 2, np.ones((s.size, 1))])
+    return np.hstack(
+        [direct + conjugate, 1j * (direct - conjugate), 1 / s[:, None] ** 2, np.ones((s.size, 1)), s[:, None] ** 2]
+    )
 
 
 def effective_averages(blocks: int, window: Array, hop: int) -> float:

@@ -65,6 +65,8 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
 
 def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     f = record.frequency_hz
+    if np.isnan(record.window_rate):
+        yield warn("exponential_window", "the file states an exponential window, which adds damping, and not how fast")
     broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
     if broken.any():
         yield warn("not_finite", f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers")

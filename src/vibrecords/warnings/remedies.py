@@ -37,7 +37,8 @@ REMEDIES = {
     "dead_channel": "look at cable and channel",
     "overload": "leave this hit out, and measure with a larger range",
     "double_hit": "leave this hit out",
-    "truncated_ring_down": "measure longer blocks, or use an exponential window (exponential_end in [data.signals])",
+    "truncated_ring_down": "measure longer blocks, or use an exponential window (exponential_end in [data.records])",
+    "exponential_window": "write its time constant in s as exponential_tau_s in [data]; its damping is then taken out",
     "offset": "take the offset away, or couple the channel AC",
     # in what two FRFs that should be equal differ
     "shape": "look at labels and directions, the mass of the accelerometer, and whether the structure is linear",

@@ -243,6 +243,9 @@ _MEASURED_QUANTITY = key_field(
 _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
 _EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
 _CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
+_TAU = positive(
+    "the time constant in s of an exponential window on force and response, whose damping is taken out", 0.25
+)
 _VARIANCE = Field(description="the variance of the FRFs: source")
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
@@ -260,6 +263,7 @@ class MeasuredSpec(DataTable):
     f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
     exclude_hz: Annotated[ListOf[Annotated[_Band, Strict(False)]], max_length(1000), _EXCLUDED] = ()
     conjugate: Annotated[bool, _CONJUGATE] = False
+    exponential_tau_s: Annotated[float | None, _TAU] = None
     thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: Annotated[_Channels, _MAP]
@@ -291,6 +295,9 @@ class MeasuredSpec(DataTable):
         if self.conjugate and self.records is not None:
             fault = "found true with time histories, of which the FRFs are made here"
             yield Finding(("conjugate",), fault, "it for FRFs of a file", "remove it")
+        if self.exponential_tau_s is not None and self.records is not None:
+            fault = "found a time constant with time histories, of which the FRFs are made here"
+            yield Finding(("exponential_tau_s",), fault, "exponential_end in [data.records]", "remove it")
 
 
 class MeasuredFrfSpec(MeasuredSpec):
