@@ -293,6 +293,10 @@ class ModeData(ModalData):
         if len(self.numbers) != n or len(set(self.numbers)) != n or min(self.numbers) < 1:
             found, expected = f"found {self.numbers} for {n} modes", "a different one, from 1, for each"
             raise MeasurementError.of("mode numbers", ("numbers",), found, expected, "correct the list")
+        if self.match == "number" and (np.diff(self.frequency_hz[np.argsort(self.numbers)]) < 0).any():
+            found = f"found {', '.join(f'{f:.4g}' for f in self.frequency_hz)} Hz as modes {self.numbers}"
+            remedy = "sort them, or correct the numbers"
+            raise MeasurementError.of(what, (of_frequency,), found, "values that rise with the number", remedy)
         if self.damping is not None:
             damping = self.damping.rows((n,), "damping ratios", "damping")
             object.__setattr__(self, "damping", damping)

@@ -89,6 +89,14 @@ def test_a_right_list_is_not_doubted(ky, krz, seed):
     assert find_numbering(bar(measured(ky, krz, 1, 5, seed=seed)).problem, ErrorSizes()) is None
 
 
+@pytest.mark.parametrize("kept", [(1, 3), (1, 3, 4), (1, 2, 4), (1, 2, 3, 5), (1, 3, 4, 5)])
+@pytest.mark.parametrize(("ky", "krz"), [(1e5, 1e3), (1e7, 1e4), (1e9, 1e6)])
+def test_a_list_with_a_mode_left_out_is_not_taken_for_rad_per_s(ky, krz, kept):
+    frequency = measured(ky, krz, 1, 5)
+    warnings = bar([frequency[number - 1] for number in kept]).warnings
+    assert not any("rad/s" in warning.text for warning in warnings)
+
+
 @pytest.mark.science
 @pytest.mark.parametrize(("ky", "krz"), [(2e3, 2.0), (1e5, 1e3), (1e9, 1e6)])
 def test_frequencies_in_rad_per_s_are_named(ky, krz):

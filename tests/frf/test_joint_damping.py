@@ -127,3 +127,22 @@ def test_the_squares_of_many_damped_joints_are_those_of_the_assembled_structure(
     found = receptance_model(structure, MANY, INSIDE).misfit(data, weight).chi2(kinds.matrix(other))
     expected = [np.sum(np.abs(direct.receptance(kinds.matrix(k))[0] - data) ** 2 * weight**2) for k in other]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stiff", [0, 1])
+@pytest.mark.parametrize("size", [1e12, 1e59, 1e61, 1e100, 1e300])
+def test_a_rigid_spring_leaves_the_other_one_as_it_is(stiff, size):
+    """Without damping the low-rank coupling and the modal sum are one: the second takes any stiffness."""
+    k = np.array([1.5e6, 6e4])
+    k[stiff] = size
+    of_pair, of_modes = (
+        receptance_model(rod(damping=law), CLAMP, PORTS) for law in (LossFactor(0.0), ModalDamping((0.0,)))
+    )
+    exact = of_modes.receptance(np.diag(k))
+    np.testing.assert_allclose(of_pair.receptance(np.diag(k)), exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+    change = np.diag([1.0, 1.0]) * (np.arange(2) != stiff)  # of the other spring
+    h = np.diag(k) + 1e-6 * change @ np.diag(k)
+    slope = (of_pair.receptance(h)[0] - of_pair.receptance(np.diag(k))[0]) / (1e-6 * k[1 - stiff])
+    value, tangent = of_pair.tangent(np.diag(k), change[None])
+    np.testing.assert_allclose(value, exact[0], rtol=0, atol=1e-6 * np.abs(exact).max())
+    np.testing.assert_allclose(tangent[0], slope, rtol=0, atol=1e-4 * np.abs(slope).max())

@@ -284,7 +284,7 @@ def _missing_wording(place: _Place) -> tuple[str, str, str]:
 
 def _value_wording(fault: _Fault) -> tuple[str, str, str]:
     place, finding = fault.place, fault.finding
-    entry = f" as entry {place.path[-1] + 1}" if isinstance(place.path[-1], int) else ""
+    entry = f" as entry {place.path[-1] + 1}" if place.path and isinstance(place.path[-1], int) else ""
     mistake = finding.found or f"found {_show(place.value)}{entry}"
     if mistake.startswith(('found "?"', 'found the text "?"')):
         mistake = 'found "?", a question still open'
@@ -293,7 +293,7 @@ def _value_wording(fault: _Fault) -> tuple[str, str, str]:
 
 
 def _value_remedy(place: _Place) -> str:
-    key = next(str(p) for p in reversed(place.path) if isinstance(p, str))
+    key = next((str(p) for p in reversed(place.path) if isinstance(p, str)), "")
     value, example = place.value, _example(place.info)
     fields = [m.model_fields[key] for m in place.owner if key in m.model_fields]
     if place.tables and not isinstance(value, Mapping):

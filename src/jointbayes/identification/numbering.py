@@ -106,16 +106,27 @@ def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, flo
     count = int(numbers.max()) + max((shift for shift, _ in possible), default=0)
     if measured.shown_frfs is None and all(name.startswith("frequency") for name in measured.value_names):
         possible.append((0, RAD_PER_S))
-    away, model = {}, _nominal_frequencies(problem, count)
-    for unit_hz in {unit for _, unit in possible}:
+    gaps = [np.append(numbers[:i], numbers[i:] + 1) for i in range(1, numbers.size)]  # a mode between was left out
+    away, model = {}, _nominal_frequencies(problem, min(count + 1, most))
+    for unit_hz in {1.0, *(unit for _, unit in possible)}:
         softer = _in_unit(prior, unit_hz)
         stiffness = softer.values(softer.sample(np.random.default_rng(0), _DRAWS))
         predicted = model.frequency_hz(softer.parametrisation.matrix(stiffness))
         for shift, unit in possible:
             if unit == unit_hz:
                 ratio = np.log(predicted[:, numbers + shift - 1] / (unit * measured.frequency_hz))
-                away[shift, unit] = float(np.nanmin(np.log1p((ratio / _SPREAD) ** 2).sum(axis=1)))
+                away[shift, unit] = _least_away(ratio)
+        if unit_hz == 1:
+            seen = [gap for gap in gaps if gap.max() <= predicted.shape[1]]
+            missed = [_least_away(np.log(predicted[:, gap - 1] / measured.frequency_hz)) for gap in seen]
+    if away.get((0, RAD_PER_S), -math.inf) > min(missed, default=math.inf) - SURE:
+        del away[0, RAD_PER_S]
     return sorted(away, key=lambda other: away[other])
+
+
+def _least_away(ratio: Array) -> float:
+    """Return the distance of the joint that is nearest, by ln of predicted over measured, shape (joints, modes)."""
+    return float(np.nanmin(np.log1p((ratio / _SPREAD) ** 2).sum(axis=1)))
 
 
 def _nominal_frequencies(problem: Problem, count: int) -> NaturalFrequencies:

@@ -518,8 +518,9 @@ class ModesSpec(DataTable):
     """Modes of a modal test, or of several repetitions of it."""
 
     field_keys = {  # noqa: RUF012 (no field)
-        "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative", "eigenvalues.sd": "sd_relative",
-        "damping.values": "damping_ratios", "damping.sd": "damping_sd_relative", "shapes.components.sd": "shapes.sd",
+        "frequency": "frequencies_hz", "frequency.values": "frequencies_hz", "frequency.sd": "sd_relative",
+        "eigenvalues.sd": "sd_relative", "damping.values": "damping_ratios", "damping.sd": "damping_sd_relative",
+        "shapes.components.sd": "shapes.sd",
         "constants.values": "constants.values_per_kg", "constants.sd": "constants.sd_relative",
     }  # fmt: skip
 
@@ -613,6 +614,10 @@ class ModesSpec(DataTable):
                 yield Finding(("frequencies_hz",), missing=True)
             return
         key = given[0]
+        if bad := [value for row in getattr(self, key) for value in row if value <= 0]:
+            yield Finding(
+                (key,), f"found {bad[0]:g}", "numbers above 0", "correct it, or write nan where none was found"
+            )
         absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
         if max(getattr(self, other)) > 0:
             yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")

@@ -109,7 +109,8 @@ class PairCoupling:
     def tangent(self, stiffness: ArrayLike, directions: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along p changes of one joint matrix; see `ReceptanceModel`."""
         k, dk = self._padded(stiffness_batch(stiffness)), self._padded(stiffness_batch(directions))
-        u = self._padded_coordinates(stiffness_batch(stiffness))
+        u, scale = self._padded_coordinates(stiffness_batch(stiffness)), _no_more_than_rigid(k)
+        k, dk = scale * k, scale * dk
         d_det = dk[:, 0, 0] * k[0, 1, 1] + dk[:, 1, 1] * k[0, 0, 0] - 2 * k[0, 0, 1] * dk[:, 0, 1]
         du = np.stack([np.zeros(len(dk)), dk[:, 0, 0], dk[:, 0, 1], dk[:, 1, 1], d_det], axis=-1)
         denominator = _weighted(u, self._d)[0, :, None, None]
@@ -130,9 +131,7 @@ class PairCoupling:
     def coordinates(self, matrices: Array) -> Array:
         """(k11, k12, k22, det K), shape (batch, 4), of joint matrices (batch, r, r)."""
         k = self._padded(matrices)
-        largest = np.abs(k).max(axis=(1, 2))
-        if (largest > RIGID).any():
-            k = k * np.minimum(1.0, RIGID / largest)[:, None, None]
+        k = k * _no_more_than_rigid(k)
         k11, k12, k22 = k[:, 0, 0], k[:, 0, 1], k[:, 1, 1]
         return np.stack([k11, k12, k22, k11 * k22 - k12 * k12], axis=-1)
 
@@ -171,6 +170,16 @@ class PairMisfit:
         s12 = slope[:, 1] / 2 - slope[:, 3] * k12
         r = stiffness.shape[-1]
         return chi2, np.stack([s11, s12, s12, s22], axis=-1).reshape(-1, 2, 2)[:, :r, :r]
+
+
+def _no_more_than_rigid(k: Array) -> Array:
+    """Return factors on the entries of K, shape (batch, 2, 2), that leave no DOF stiffer than `RIGID`.
+
+    Each DOF is scaled by itself, S K S, so that the other keeps its stiffness.
+    """
+    with np.errstate(divide="ignore"):
+        scale = np.minimum(1.0, np.sqrt(RIGID / np.abs(np.diagonal(k, axis1=1, axis2=2))))
+    return np.asarray(scale[:, :, None] * scale[:, None, :])
 
 
 def _weighted(u: Array, rows: ComplexArray) -> ComplexArray:
