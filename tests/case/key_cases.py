@@ -81,7 +81,7 @@ def synthetic(lines: str = PARTS["band"], noise: str = "relative = 0.03, floor =
 
 PAIR, USUAL, FEET = PARTS["pair"], beam() + PARTS["pair"] + read("8:y"), PARTS["stiffness of feet"]
 BARE = beam().replace("accelerometer_mass_g = 3.1\n", "") + PAIR
-FILES = PARTS["files coherence"], PARTS["files relative"]
+FILES = PARTS["files coherence"], PARTS["files relative"], PARTS["files windowed"]
 #: What is uncertain of a beam, with modal damping and with a loss factor, by a standard deviation and between ends.
 UNCERTAIN = [
     beam(law) + PAIR + read("8:y") + uncertain(form, *quantities, ratio) + length

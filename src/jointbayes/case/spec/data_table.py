@@ -243,8 +243,11 @@ _MEASURED_QUANTITY = key_field(
 _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
 _EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
 _CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
-_TAU = positive(
-    "the time constant in s of an exponential window on force and response, whose damping is taken out", 0.25
+_TAU = Field(
+    gt=0,
+    le=1000,
+    description="the time constant in s of an exponential window on force and response, above 0 and at most 1000",
+    examples=[0.25],
 )
 _VARIANCE = Field(description="the variance of the FRFs: source")
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]

@@ -1,0 +1,44 @@
+"""What messages on measurement files tell the user to write stands in the schema of cases."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import vibrecords
+from jointbayes.case.spec.data_table import (
+    ChannelSpec,
+    LayoutSpec,
+    MeasuredFrequenciesSpec,
+    MeasuredFrfSpec,
+    RecordsSpec,
+    VarianceSpec,
+)
+from vibrecords.warnings.remedies import REMEDIES
+
+KEYS = {
+    "[data]": MeasuredFrfSpec.model_fields.keys() | MeasuredFrequenciesSpec.model_fields.keys() | {"frequencies_hz"},
+    "[data.channels]": ChannelSpec.model_fields.keys(),
+    "[data.layout]": LayoutSpec.model_fields.keys() | {"axis"},
+    "[data.records]": RecordsSpec.model_fields.keys(),
+    "[data.variance]": VarianceSpec.model_fields.keys(),
+}
+SOURCES = [path.read_text(encoding="utf-8") for path in Path(vibrecords.__file__).parent.rglob("*.py")]
+ALL_KEYS = set().union(*KEYS.values())
+
+
+@pytest.mark.parametrize("key", REMEDIES)
+def test_a_remedy_names_keys_of_the_schema(key):
+    remedy = REMEDIES[key]
+    assert set(re.findall(r"\[data[\w.]*\]", remedy)) <= KEYS.keys()
+    assert set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", remedy)) <= ALL_KEYS
+    for name, table in re.findall(r"(\w+)(?: = [\w\"]+)?,? in (\[data[\w.]*\])", remedy):
+        assert name in KEYS[table] | {"force", "noise", "write"}  # words that stand before "in"
+
+
+def test_every_table_of_a_message_is_one_of_the_schema():
+    named = {table for source in SOURCES for table in re.findall(r"\[data(?:\.\w+)*\]", source)}
+    assert named <= KEYS.keys()
+    stated = {pair for source in SOURCES for pair in re.findall(r"\b(\w+) = \S{1,20} in (\[data[.\w]*\])", source)}
+    assert {(key, table) for key, table in stated if key not in KEYS[table]} == set()
+    assert len(stated) > 3
