@@ -25,7 +25,7 @@ from benchmarks.coverage import write_between
 from benchmarks.page import table
 from benchmarks.record import environment, kept_outcomes, record_kind
 from benchmarks.two_levels import CONFIGS, MODEL_ERROR, MODES, SCATTER, exact_frequencies
-from jointbayes.posterior.homogeneity import FALSE_ALARM
+from jointbayes.posterior.evidence_table import STRONG
 from jointbayes.progress import tell_nobody
 from jointbayes.studies.same import JointChange, compare_joints
 from jointbayes.workflow import answered_case
@@ -76,7 +76,7 @@ def outcome(kind: str, index: int) -> dict[str, Any]:
     of_krz = next(each for each in change.stiffness if each.name == "krz")
     return {
         "index": index,
-        "p_value": change.p_value,
+        "two_log_b": change.two_log_b,
         "changed": change.changed,
         "krz": [of_krz.low95, of_krz.high95],
         "any_interval": any(each.shown for each in change.stiffness),
@@ -91,7 +91,7 @@ def summary(kind: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "cases": len(rows),
         "changed": sum(row["changed"] for row in rows),
-        "below_0.1": sum(row["p_value"] < 0.1 for row in rows),
+        "for_a_change": sum(row["two_log_b"] > 0 for row in rows),
         "any_interval": sum(row["any_interval"] for row in rows),
         "held": sum(low <= KINDS[kind] - 1 <= high for low, high in ends),
         "width_percent": float(np.median([100 * (high - low) / 2 for low, high in ends])),
@@ -103,18 +103,18 @@ def summary(kind: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def section(results: Mapping[str, Mapping[str, Any]]) -> str:
     """A table of what was counted, and where it was computed."""
-    head = ("truth", "pairs", "called changed", "share (95 % confidence)", "probability by chance below 0.1",
+    head = ("truth", "pairs", "called changed", "share (95 % confidence)", "odds for a change",
             "interval of krz holds the truth", "half its width, median")  # fmt: skip
     rows = []
     for kind, data in results.items():
         low, high = stats.binomtest(data["changed"], data["cases"]).proportion_ci(0.95, method="exact")
         share = f"{100 * data['changed'] / data['cases']:.0f} % ({100 * low:.1f} to {100 * high:.1f})"
-        counts = [str(data[key]) for key in ("below_0.1", "held")]
+        counts = [str(data[key]) for key in ("for_a_change", "held")]
         rows.append((kind, str(data["cases"]), str(data["changed"]), share, *counts, f"{data['width_percent']:.2f} %"))
     seconds = max(data["median_seconds"] for data in results.values())
     left = sum(data["not_converged"] for data in results.values())
     where = next(iter(results.values()))["environment"]
-    note = f"Limit {FALSE_ALARM:g}. {seconds:.1f} s of CPU a pair; {left or 'none'} not converged."
+    note = f"Changed: 2 ln B above {STRONG:g}. {seconds:.1f} s of CPU a pair; {left or 'none'} not converged."
     place = f"{where['date']}, {where['cpu']}, Python {where['python']}, one core."
     return "\n".join([*table(head, rows), "", note, place, ""])
 

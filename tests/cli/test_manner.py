@@ -58,7 +58,7 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
         "report draws.nc --out again --open": {"parameters", "converged", "report"},
         "export draws.nc --to joint.bdf": {"written", "format"},
         "predict draws.nc other.toml --out there": {"modes", "never_asked", "report"},
-        "same draws.nc draws.nc": {"changed", "p_value", "stiffness", "together", "premises"},
+        "same draws.nc draws.nc": {"changed", "two_log_b", "stiffness", "together", "premises"},
         "inspect tip.csv": {"channels", "resonances", "doubts"},
     }
     with plain_reports():

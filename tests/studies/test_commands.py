@@ -48,16 +48,16 @@ def test_bad_input_is_refused_in_one_line_before_anything_is_computed(line, said
     assert [path.name for path in tmp_path.rglob("*") if path.suffix in (".html", ".pdf", ".jsonl")] == []
 
 
-CHANGE = JointChange((UNCHANGED,), None, False, 0.5, (), True, "")
+CHANGE = JointChange((UNCHANGED,), None, -9.0, (), True, "")
 
 
 @pytest.mark.parametrize(("line", "work", "answer", "code", "said"), [
     ("compare peaks.toml", "studies.compare.compare",
-     jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0)), 1, ""), 3, "NOT TRUSTED"),
+     jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0, "springs")), 1, ""), 3, "NOT TRUSTED"),
     ("plan case.toml", "studies.plan.plan", Plan((), "Raise max_steps", False), 3, "Raise max_steps"),
     *(("same case.toml case.toml --json --quiet", "studies.same.compare_joints", replace(CHANGE, **wish), code, said)
-      for wish, code, said in (({}, 0, '"k22"'), ({"changed": True}, 1, '"k22"'),
-                               ({"converged": False, "changed": True, "reason": "no"}, 3, "NOT CONVERGED"))),
+      for wish, code, said in (({}, 0, '"k22"'), ({"two_log_b": 9.0}, 1, '"k22"'),
+                               ({"converged": False, "two_log_b": 9.0, "reason": "no"}, 3, "NOT CONVERGED"))),
 ])  # fmt: skip
 def test_the_exit_code_says_what_was_found(line, work, answer, code, said, tmp_path, monkeypatch):
     monkeypatch.setattr(f"jointbayes.{work}", lambda *_, **__: answer)

@@ -1,4 +1,4 @@
-"""Comparing joints: hypotheses, words, the same-data rule, prior edges, cross-validation, files and the command."""
+"""Comparing joints: hypotheses, words, the same-data rule, prior edges, files and the command."""
 
 import dataclasses
 import json
@@ -12,6 +12,7 @@ import jointbayes as jb
 from jointbayes.joint import RIGID
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
+from jointbayes.posterior.evidence_table import EvidenceTable, bayes_factor_words
 from jointbayes.studies import compare as weigh
 from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, pair_matrix
 from tests.one_line import refused
@@ -47,13 +48,11 @@ def comparison(cases):
     return jb.compare(cases, seed=3)
 
 
-def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
+def made_up(log_z, hypothesis="rotation", *, method="importance sampling", pareto_k=0.2, at_edge=()):
     """A candidate whose numbers nobody computed."""
     evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
     stiffness = np.array([RIGID, 0.0, 2e5])
-    return weigh.WeighedModel(
-        "case", "A case", "rotation", ("k22",), stiffness, evidence, at_edge, None, "left out: made up"
-    )
+    return weigh.WeighedModel("case", "A case", hypothesis, ("k22",), stiffness, evidence, at_edge)
 
 
 # ---- words and probabilities
@@ -64,12 +63,17 @@ def made_up(log_z, *, method="importance sampling", pareto_k=0.2, at_edge=()):
     (5.99, "positive"), (6.01, "strong"), (9.99, "strong"), (10.01, "very strong"), (1e9, "very strong"),
 ])  # fmt: skip
 def test_bayes_factors_are_graded_as_by_kass_and_raftery(two_log_b, words):
-    assert weigh.bayes_factor_words(two_log_b) == words
+    assert bayes_factor_words(two_log_b) == words
 
 
 def test_probabilities_are_in_the_ratio_of_the_evidences_however_small_these_are():
-    found = weigh.model_probabilities([-5000.0, -5000.0 + np.log(3), -9000.0])
-    np.testing.assert_allclose(found, [0.25, 0.75, 0.0], atol=1e-12)
+    table = EvidenceTable({"a": -5000.0, "b": -5000.0 + np.log(3), "c": -9000.0})
+    np.testing.assert_allclose([*table.probabilities.values()], [0.25, 0.75, 0.0], atol=1e-12)
+    assert table.two_log_b("a") == pytest.approx(2 * np.log(3))
+    assert table.two_log_b("b", "a") == pytest.approx(-2 * np.log(3))
+    assert [*table.ranking] == ["b", "a", "c"]
+    assert table.pooled("bac".find).log_z == {1: -5000.0, 0: table.log_z["b"], 2: -9000.0}
+    assert table.pooled(len).log_z[1] == pytest.approx(np.log(4 / 3) - 5000.0)
 
 
 # ---- hypotheses
@@ -149,7 +153,7 @@ def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, 
 
 
 def of(case, log_z, hypothesis="rotation", **changes):
-    return dataclasses.replace(made_up(log_z, **changes), case=case, hypothesis=hypothesis)
+    return dataclasses.replace(made_up(log_z, hypothesis, **changes), case=case)
 
 
 def test_the_verdict_answers_which_case_and_names_a_prior_that_decides():
@@ -216,7 +220,10 @@ def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
 ])  # fmt: skip
 def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
     candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
-    assert (candidate.trusted, jb.Comparison((candidate, made_up(-11.0)), 1, "").trusted) == (trusted, trusted)
+    assert (candidate.trusted, jb.Comparison((candidate, made_up(-11.0, "springs")), 1, "").trusted) == (
+        trusted,
+        trusted,
+    )
 
 
 # ---- the same data
@@ -255,52 +262,6 @@ def test_a_posterior_inside_its_prior_is_not_marked(comparison):
     assert comparison.best.at_edge == ()
 
 
-# ---- cross-validation
-
-
-@pytest.fixture(scope="module")
-def rotation(cheap_case):
-    """An FRF problem of one coordinate, with fine noise: every line counts."""
-    return weigh.hypothesis_problem(cheap_case.problem, "rotation")
-
-
-def test_leave_one_out_agrees_with_integrals_without_each_value(rotation):
-    likelihood, prior = rotation.log_posterior.likelihood, rotation.prior
-    theta = np.linspace(np.log(1.40e6), np.log(1.60e6), 801)[:, None]
-    values = likelihood.pointwise(pair_matrix(prior.values(theta)), prior.factors(theta)).reshape(len(theta), -1)
-    np.testing.assert_allclose(values.sum(axis=1), likelihood.log_likelihood(pair_matrix(prior.values(theta))))
-    # p(y_i | others) = ∫ L / ∫ L/L_i, the prior being flat here
-    total = values.sum(axis=1)
-    expected = -np.log(np.exp(total[:, None] - values - total.max()).sum(axis=0) / np.exp(total - total.max()).sum())
-    weight = np.exp(total - total.max())
-    rng = np.random.default_rng(1)
-    draws = rng.choice(theta[:, 0], 4000, p=weight / weight.sum())[:, None] + rng.uniform(-0.5, 0.5, (4000, 1)) * 1.7e-4
-    found = weigh.leave_one_out(rotation, draws, 1.0)
-    assert found.elpd == pytest.approx(expected.sum(), abs=0.5)
-    reliable = found.pareto_k < 0.5
-    assert reliable.sum() > 200
-    np.testing.assert_allclose(found.elpd_i[reliable], expected[reliable], atol=0.05)
-    assert found.elpd < total.max()
-    difference, se = found.difference(found)
-    assert ((difference, se), found.se) == ((0.0, 0.0), pytest.approx(np.sqrt(found.elpd_i.size) * found.elpd_i.std()))
-
-
-def test_leave_one_out_of_a_joint_without_coordinates_is_its_likelihood(cheap_case):
-    problem = weigh.hypothesis_problem(cheap_case.problem, "rigid")
-    found = weigh.leave_one_out(problem, np.empty((50, 0)), 1.0)
-    assert found.elpd == pytest.approx(problem.log_posterior(np.empty(0))[0])
-    assert not found.pareto_k.any()
-
-
-def test_cross_validation_is_left_out_where_it_makes_no_sense_and_the_table_says_why(comparison):
-    assert all(c.loo is None for c in comparison.candidates)
-    assert "30 values of FRFs; there are 3 natural frequencies" in comparison.candidates[0].loo_note
-    text = cheap_text() + '\n[noise]\nscale = "integrated"\n[compare]\nhypotheses = ["rigid"]\n'
-    (found,) = jb.compare([jb.case_from_text("integrated", text)], seed=1).candidates
-    assert found.loo is None
-    assert "depend on each other" in found.loo_note
-
-
 # ---- files
 
 
@@ -314,7 +275,7 @@ def test_the_summary_is_json_without_infinities_and_says_what_is_rigid(compariso
 
 
 def test_the_table_has_the_best_first_and_aligned_columns(comparison):
-    table = weigh.evidence_table(comparison.summary(), method=True)
+    table = weigh.evidence_table(comparison.summary())
     assert table.rows[0][:2] == ("springs", "short")
     assert "best" in table.rows[0][-1]
     assert table.row_kinds[0] == "good"
@@ -338,17 +299,6 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text
 
 
-def test_cross_validation_has_its_table_where_there_is_one():
-    text = cheap_text() + '\n[compare]\nhypotheses = ["rigid", "rotation"]\n'
-    found = jb.compare([jb.case_from_text("cheap", text)], seed=1)
-    rows = found.summary()["candidates"]
-    assert rows[1]["loo"]["difference"] == 0.0
-    assert rows[0]["loo"]["difference"] == pytest.approx(rows[0]["loo"]["elpd"] - rows[1]["loo"]["elpd"])
-    report = weigh.build_comparison_report(found.summary())
-    (section,) = [s for s in report.sections if s.identifier == "cross-validation"]
-    assert section.blocks[-1].rows[0][1] == "cheap"
-
-
 # ---- command
 
 
@@ -366,11 +316,11 @@ def test_compare_prints_the_table_and_the_winner_and_leaves_a_whole_directory(tm
     lines = result.stdout.splitlines()
     count = len(comparison.sentences)
     assert tuple(lines[:count]) == comparison.sentences
-    assert lines[count : count + 5] == weigh.evidence_table(comparison.summary(), method=True).lines()
+    assert lines[count : count + 5] == weigh.evidence_table(comparison.summary()).lines()
     assert {p.name for p in tmp_path.iterdir()} == {"long.toml", "short.toml", "out"}
     listed = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
     assert listed == {
-        "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml", "figures/evidence-plot.svg",
+        "report.html", "report.pdf", "compare.json", "cases/long.toml", "cases/short.toml",
         "figures/structure.svg", "references.bib", ".jointbayes",
     }  # fmt: skip
     assert json.loads((out / "compare.json").read_text(encoding="utf-8")) == comparison.summary()

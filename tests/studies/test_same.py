@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks import same_joint
 from benchmarks.same_joint import compared, pair_of
+from scipy import stats
 
 import jointbayes as jb
 from jointbayes.progress import tell_nobody
@@ -19,9 +20,8 @@ UNKNOWN = Change("k11", "1", 0.2, -0.9, 9.0, 0.5)
 COUPLING = Change("k12", "N", 1200.0, -300.0, 2700.0, 0.9)
 
 
-def said(*stiffness, p_value, together=None):
-    changed = p_value < same.FALSE_ALARM
-    return list(JointChange(stiffness, together, changed, p_value, ("Assumed: all.",), True, "").lines)
+def said(*stiffness, two_log_b, together=None):
+    return list(JointChange(stiffness, together, two_log_b, ("Assumed: all.",), True, "").lines)
 
 
 @pytest.fixture(scope="module")
@@ -32,23 +32,45 @@ def changes():
 
 def test_the_first_sentence_answers_in_words_with_the_interval():
     effect = Change("natural frequency 1", "1", 0, -1e-4, 2e-4, 0.5)
-    lines = said(UNCHANGED, COUPLING, UNKNOWN, p_value=0.34, together=effect)
+    lines = said(UNCHANGED, COUPLING, UNKNOWN, two_log_b=-19.0, together=effect)
     assert lines == [
         "k22 has not changed: +0.4 % (-1.1 to +1.9 %).",
         "k12 has not changed: +1200 N (-300 to +2700 N).",
         "k11 is not known well enough: 0.1 to 10 times before.",
-        "No change of the joint is shown: all stiffnesses together, such a difference has probability 0.34 by chance "
-        "(limit 0.01).",
+        "The joint has not changed: odds 13000 to 1, all stiffnesses together.",
         "The whole joint moves natural frequency 1 by +0.000 % (-0.010 to +0.020 %).",
         "Assumed: all.",
     ]
-    assert said(LOOSER, p_value=1e-9)[:2] == [
+    assert said(LOOSER, two_log_b=30.0)[:2] == [
         "k22 has changed: -6.2 % (-7.9 to -4.4 %).",
-        "The joint has changed: all stiffnesses together, such a difference has probability below 1e-6 by chance "
-        "(limit 0.01).",
+        "The joint has changed: odds 10⁷ to 1, all stiffnesses together.",
     ]
-    assert said(UNCHANGED, p_value=0.002)[0] == "The joint has changed; which stiffness is not clear."
-    assert "has not changed by more than chance, all stiffnesses together: -6.2 %" in said(LOOSER, p_value=0.2)[0]
+    assert said(UNCHANGED, two_log_b=6.1)[0] == "The joint has changed; which stiffness is not clear."
+    assert "has not changed by more than chance, all stiffnesses together: -6.2 %" in said(LOOSER, two_log_b=5.9)[0]
+    assert said(LOOSER, two_log_b=5.9)[1].startswith("The joint has probably changed: odds 19 to 1")
+    for close in (-1.9, 1.9):
+        assert said(LOOSER, two_log_b=close)[1].startswith("Cannot decide whether the joint has changed: odds 2.6 to 1")
+
+
+def test_the_prior_of_a_change_is_normalised_wherever_the_joint_before_is():
+    """The mean of the ratio over the prior of a joint in each test is 1, also at an end of a stiffness's range."""
+    one, other = (answered_case(case, 1, tell_nobody) for case in pair_of(1.0, 2))
+    own, _, _ = same._together(one, other)
+    low, high = (ends[:2] for ends in own.prior.support)
+    for share in (0.0, 0.01, 0.5, 1.0):
+        nodes = np.linspace(low[0], high[0], 4001)
+        theta = np.zeros((len(nodes), len(own.names)))
+        theta[:, 0], theta[:, 2], theta[:, [1, 3]] = low[0] + share * (high[0] - low[0]), nodes, (low[1] + high[1]) / 2
+        alone = np.exp(same._log_prior_of_change(own, theta)) / np.exp(same._log_prior_of_change(own, theta[:1]))
+        normal = np.exp(-0.5 * ((nodes - theta[0, 0]) / (np.log(2) / 1.96)) ** 2)
+        at = int(np.argmin(np.abs(nodes - theta[0, 0])))
+        np.testing.assert_allclose(alone / alone[at], normal / normal[at], atol=1e-12)
+        at_middle = np.exp(same._log_prior_of_change(own, theta))[at]
+        sd = np.log(2) / 1.96
+        inside = stats.norm.cdf(high[0], theta[0, 0], sd) - stats.norm.cdf(low[0], theta[0, 0], sd)
+        expected = [(h - m) / (sd * np.sqrt(2 * np.pi)) / f for h, m, f in
+                    ((high[0], low[0], inside), (high[1], low[1], 1.0))]  # fmt: skip
+        assert at_middle == pytest.approx(np.prod(expected), rel=0.05)
 
 
 @pytest.mark.whole
@@ -120,4 +142,4 @@ def files(cheap_posterior, tmp_path):
 def test_a_run_compared_with_itself_has_not_changed(files):
     result = cli("same", *files, "--quiet")
     assert result.exit_code == 0, result.output
-    assert "such a difference has probability 1 by chance" in result.output
+    assert "The joint has not changed: odds " in result.output

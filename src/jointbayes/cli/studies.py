@@ -53,10 +53,8 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
         _require_place(out, A_COMPARISON)
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress)
-    for line in (*comparison.sentences, *evidence_table(comparison.summary(), method=True).lines()):
+    for line in (*comparison.sentences, *evidence_table(comparison.summary()).lines()):
         say(line)
-    for note in dict.fromkeys(c.loo_note for c in comparison.candidates if c.loo_note):
-        say(f"No cross-validation: {note}.")
     if out is not None:
         comparison.write(out)
         report_written(out)
@@ -137,7 +135,7 @@ def same(before: Path, new: Path, seed: int) -> None:
         change = compare_joints(problem_of(before), problem_of(new), seed, progress)
     for line in change.lines:
         say(line)
-    manner().result |= asdict(change)
+    manner().result |= asdict(change) | {"changed": change.changed}
     if not change.converged:
         sys.exit(common.NOT_CONVERGED)
     if change.changed:

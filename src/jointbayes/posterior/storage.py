@@ -181,25 +181,6 @@ def to_arviz(tree: xr.DataTree) -> Any:  # noqa: ANN401 (InferenceData or DataTr
     return tree if int(version("arviz").split(".")[0]) >= 1 else imported_arviz().from_datatree(tree)
 
 
-def loo_pointwise(log_likelihood: Array, efficiency: float) -> tuple[Array, ...]:
-    """Leave-one-out log density (values,) and Pareto shape (values,) from ln L value by value, shape (draws, values).
-
-    `efficiency` is the number of effective draws over that of draws.
-
-    References
-    ----------
-    Vehtari, A., Gelman, A., Gabry, J. (2017). Statistics and Computing 27(5), 1413-1432.
-    DOI 10.1007/s11222-016-9696-4
-    """
-    values = xr.Dataset({"data": (("chain", "draw", "value"), log_likelihood[None])})
-    tree = xr.DataTree.from_dict({"/log_likelihood": values})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of large Pareto shapes, which are returned
-        loo = imported_arviz().loo(to_arviz(tree), pointwise=True, reff=efficiency)
-    each = loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i
-    return np.asarray(each, dtype=float).ravel(), np.asarray(loo.pareto_k, dtype=float).ravel()
-
-
 def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTree:
     """Groups posterior, sample_stats, prior and observed_data from draws of θ."""
     before = _values(problem, prior_theta[None])

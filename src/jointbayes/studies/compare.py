@@ -1,6 +1,5 @@
 """Which joint, and which case, explains the data best: the evidence of each hypothesis, and the report."""
 
-import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,9 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure as Canvas
-from numpy.typing import ArrayLike
-from scipy import special
 
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
@@ -22,14 +18,12 @@ from jointbayes.posterior import data_sha256, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
+from jointbayes.posterior.evidence_table import VERY_STRONG, EvidenceTable, bayes_factor_words, is_close, odds
 from jointbayes.posterior.identifiability import listed
-from jointbayes.posterior.storage import loo_pointwise
 from jointbayes.progress import Progress, ProgressCallback, callback_of
-from jointbayes.report.canvas import margin_labels, panels, svg
-from jointbayes.report.line_plot import SERIES_COLOURS
-from jointbayes.report.markup import SUPERSCRIPTS, foreign
+from jointbayes.report.markup import foreign
 from jointbayes.report.methods import report_text
-from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import Block, Callout, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines, json_ready, number, sentence_start
@@ -37,88 +31,6 @@ from jointbayes.sampling import Start
 from jointbayes.studies.study_directory import settings_section, sketch_figure, write_study
 from jointbayes.workflow import answered_case, find_map
 from vibrecords.arrays import Array
-
-_FEWEST = 30  # values that a standard error of a sum can be taken from
-_MOST_NUMBERS = 5_000_000  # log densities in memory at once
-_FEWEST_DRAWS = 200
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeaveOneOut:
-    """Expected log density of each measured value given all the others.
-
-    Parameters
-    ----------
-    elpd_i
-        ln p(value | others), shape (values,).
-    pareto_k
-        Shape of each value's importance weights, shape (values,): above about 0.7 its figure is not to be trusted.
-    """
-
-    elpd_i: Array
-    pareto_k: Array
-
-    @property
-    def elpd(self) -> float:
-        """Sum over the values: larger is better."""
-        return float(self.elpd_i.sum())
-
-    @property
-    def se(self) -> float:
-        """Standard error of the sum."""
-        return _se_of_sum(self.elpd_i)
-
-    def difference(self, other: "LeaveOneOut") -> tuple[float, float]:
-        """Own sum less the other's, with the standard error of this difference, from the differences value by value."""
-        each = self.elpd_i - other.elpd_i
-        return float(each.sum()), _se_of_sum(each)
-
-
-def leave_one_out(problem: Problem, theta: Array, efficiency: float) -> LeaveOneOut:
-    """Cross-validate from posterior draws by Pareto-smoothed importance sampling (ArviZ).
-
-    Each complex value of each line and FRF counts as one.
-
-    Parameters
-    ----------
-    problem
-        The problem.
-    theta
-        Posterior draws, shape (n, d); those beyond what fits into memory are left out evenly.
-    efficiency
-        Effective draws over draws, above 0 and at most 1.
-
-    Raises
-    ------
-    ModelError
-        Where values are too few, or not independent given the joint: the message says which.
-
-    References
-    ----------
-    Vehtari, A., Gelman, A., Gabry, J. (2017). Practical Bayesian model evaluation using leave-one-out cross-validation
-    and WAIC. Statistics and Computing 27(5), 1413-1432. DOI 10.1007/s11222-016-9696-4
-    """
-    likelihood = problem.log_posterior.likelihood
-    others = [test.data.words for test in problem.tests if test.data.frfs is None]
-    if others or likelihood.n_data < _FEWEST:
-        mixed = [f"values, {words} among them" if len(problem.tests) > 1 else words for words in others]
-        kind = mixed[0] if others else "values of FRFs"
-        raise ModelError(f"it needs {_FEWEST} values of FRFs; there are {likelihood.n_data} {kind}")
-    most = max(_FEWEST_DRAWS, _MOST_NUMBERS // likelihood.n_data)
-    chosen = theta[np.linspace(0, len(theta) - 1, min(most, len(theta))).round().astype(int)]
-    flat = problem.log_posterior.pointwise(chosen).reshape(len(chosen), -1)
-    if (flat == flat[0]).all():  # nothing is uncertain: leaving a value out changes nothing
-        return LeaveOneOut(flat[0], np.zeros(flat.shape[1]))
-    return LeaveOneOut(*loo_pointwise(flat, efficiency))
-
-
-def _se_of_sum(each: Array) -> float:
-    return float(math.sqrt(each.size) * each.std())
-
-
-#: Ends of 2 ln B, and evidence up to there in the words of Kass and Raftery.
-GRADES = ((2.0, "not worth more than a bare mention"), (6.0, "positive"), (10.0, "strong"))
-_STRONGEST = "very strong"
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +71,6 @@ class WeighedModel:
         ln Z of the data with its error, and how it was found.
     at_edge
         Edges of the prior that the posterior piles up on: there ln Z depends on where the prior ends.
-    loo
-        Cross-validation; None where it makes no sense, and `loo_note` says why.
     quantities
         What the numbers of `stiffness` are.
     """
@@ -172,8 +82,6 @@ class WeighedModel:
     stiffness: Array
     evidence: Evidence
     at_edge: tuple[PriorEdge, ...]
-    loo: LeaveOneOut | None
-    loo_note: str
     quantities: tuple[Quantity, ...] = COUPLED
 
     @property
@@ -187,64 +95,26 @@ class WeighedModel:
         return not self.evidence.pareto_k > PARETO_LIMIT  # without importance weights k is no number
 
 
-def bayes_factor_words(two_log_b: float) -> str:
-    """Grade of the evidence for the better of two models, from twice the natural logarithm of the Bayes factor.
-
-    Parameters
-    ----------
-    two_log_b
-        2 ln B = 2 (ln Z of the better − ln Z of the other), not negative.
-
-    References
-    ----------
-    Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430),
-    773-795, section 3.2. DOI 10.1080/01621459.1995.10476572
-
-    Examples
-    --------
-    >>> bayes_factor_words(0.6), bayes_factor_words(7.2)
-    ('not worth more than a bare mention', 'strong')
-    """
-    return next((words for limit, words in GRADES if two_log_b <= limit), _STRONGEST)
-
-
-def model_probabilities(log_z: ArrayLike) -> Array:
-    """Posterior probability of each model under equal prior probability, shape (n,), from ln Z, shape (n,).
-
-    Examples
-    --------
-    >>> model_probabilities(np.log([3.0, 1.0])).round(3).tolist()
-    [0.75, 0.25]
-    """
-    return np.asarray(special.softmax(np.asarray(log_z, dtype=float)))
-
-
 Row = dict[str, Any]
 
-_METHOD_HEAD = ("Method", "Pareto k")
 #: Endings of keys and their units, where a case differs from another by one number.
 _UNITS = {"_mm": "mm", "_gpa": "GPa", "_kg_m3": "kg/m³", "_g": "g", "_kg": "kg", "_percent": "%"}
 _IN_SHORT = {
     "rigid": "a rigid joint", "translation": "springs in translation only", "rotation": "springs in rotation only",
     "springs": "springs without coupling", "full": "springs with coupling", "coupled": "springs with further coupling",
 }  # fmt: skip
-_POWER = 6  # of ten from which odds are told by it
-_REACH = 12.0  # of ln Z below the best that the figure shows
 
 
-def evidence_table(summary: dict[str, Any], *, method: bool = False) -> Table:
-    """All candidates, the best first; on request with how ln Z was found."""
-    head = ["Joint", "Case", "ln Z", "2 ln B", "Evidence against it", "Probability", "Mark"]
-    rows = [list(_evidence_row(row)) for row in _ranked(summary)]
-    if method:
-        head[3:3] = _METHOD_HEAD
-        for cells, row in zip(rows, _ranked(summary), strict=True):
-            cells[3:3] = _method_cells(row)
+def evidence_table(summary: dict[str, Any]) -> Table:
+    """All candidates, the best first, with how ln Z was found."""
+    head = ("Joint", "Case", "ln Z", "Method", "Pareto k", "2 ln B", "Evidence against it", "Probability", "Mark")
+    rows = _ranked(summary)
     kinds = tuple(
         "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
-        for row in _ranked(summary)
+        for row in rows
     )
-    return Table("Evidence", tuple(head), tuple(map(tuple, rows)), note=report_text("evidence"), row_kinds=kinds)
+    note = f"{report_text('evidence')} {report_text('pareto', limit=PARETO_LIMIT)}"
+    return Table("Evidence", head, tuple(map(_evidence_row, rows)), note=note, row_kinds=kinds)
 
 
 def build_comparison_report(summary: dict[str, Any], tested: Problem | None = None) -> Report:
@@ -252,11 +122,10 @@ def build_comparison_report(summary: dict[str, Any], tested: Problem | None = No
     return Report(
         title="Comparison of joints",
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
-        lead=(*_lead(summary), *sketch_figure(tested), _figure(summary)),
+        lead=(*_lead(summary), *sketch_figure(tested)),
         sections=(
-            ReportSection("evidence", "Evidence", (evidence_table(summary), _method_table(summary))),
+            ReportSection("evidence", "Evidence", (evidence_table(summary),)),
             ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
-            ReportSection("cross-validation", "Cross-validation", _loo_blocks(summary)),
             ReportSection("reading", "How to read this", _reading(summary)),
             settings_section(("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])),
         ),
@@ -267,10 +136,6 @@ def _ranked(summary: dict[str, Any]) -> list[Row]:
     return sorted(summary["candidates"], key=lambda row: -float(row["log_z"]))
 
 
-def _signed(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}".replace("-", "−")
-
-
 def _evidence_row(row: Row) -> tuple[str, ...]:
     error = "" if row["method"] == "exact" else f" ± {number(row['log_z_error'], 1)}"
     marks = ["best"] * (row["words"] == "best") + ["error unreliable"] * (not row["trusted"])
@@ -278,16 +143,14 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
     return (
         row["hypothesis"],
         foreign(row["case"]),
-        _signed(row["log_z"], 2) + error,
+        f"{row['log_z']:.2f}".replace("-", "−") + error,
+        row["method"],
+        number(row["pareto_k"], 2).replace("-", "−"),
         f"{row['two_log_b']:.1f}",
         "–" if row["words"] == "best" else row["words"],
         number(row["probability"], 2),
         ", ".join(marks),
     )
-
-
-def _method_cells(row: Row) -> tuple[str, str]:
-    return row["method"], number(row["pareto_k"], 2).replace("-", "−")
 
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
@@ -299,59 +162,6 @@ def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
         )
         blocks.append(Callout("bad", f"**The error of the evidence is unreliable for: {names}.**"))
     return tuple(blocks)
-
-
-def _figure(summary: dict[str, Any]) -> Figure:
-    rows = _ranked(summary)
-    log_z, error = (np.array([float(row[key]) for row in rows]) for key in ("log_z", "log_z_error"))
-    labels = [f"{row['hypothesis']}, {row['case']}" for row in rows]
-    return Figure(
-        "evidence-plot",
-        "Evidence of each candidate with twice its standard error. Dashed lines, by 2 ln B against the best: the ends "
-        f"of evidence that is {'; '.join(f'{words} ({end:g})' for end, words in GRADES)}. An arrow marks a candidate "
-        "further down.",
-        f"Evidence of {len(rows)} candidates; the best is {foreign(labels[0])} with ln Z {log_z[0]:.2f}.",
-        _evidences(labels, log_z, error),
-    )
-
-
-def _evidences(labels: Sequence[str], log_z: Array, error: Array) -> str:
-    """ln Z of candidates from the best down, with twice its error; an arrow for what lies far below.
-
-    Lines mark the ends of grades of evidence against the best.
-    """
-
-    def draw(canvas: Canvas) -> None:
-        short, margin = margin_labels(labels)
-        axes = panels(canvas, left=margin, top=0.3)[0, 0]
-        blue, orange = SERIES_COLOURS[:2]
-        best, place = log_z.max(), np.arange(log_z.size)
-        seen = log_z >= best - _REACH
-        axes.errorbar(log_z[seen], place[seen], xerr=2 * error[seen], fmt="o", ms=5, lw=1.2, capsize=3, color=blue)
-        for y in place[~seen]:
-            axes.annotate(
-                f"ln Z = {log_z[y]:.1f}".replace("-", "−"), (best - _REACH, y), (best - 0.8 * _REACH, y), va="center",
-                fontsize=8, color=orange, arrowprops={"arrowstyle": "->", "color": orange},
-            )  # fmt: skip
-        for end, _ in GRADES:
-            axes.axvline(best - end / 2, color="0.4", lw=0.8, ls="--")
-            axes.annotate(f"{end:g}", (best - end / 2, 1.0), xycoords=("data", "axes fraction"), ha="center",
-                          va="bottom", fontsize=8, color="0.4")  # fmt: skip
-        axes.set_xlim(best - 1.05 * _REACH, best + 0.08 * _REACH)
-        axes.set_yticks(place, short)
-        axes.set_ylim(log_z.size - 0.5, -0.5)
-        axes.set_xlabel("ln Z; dashed: 2 ln B against the best")
-
-    return svg(draw, 7.2, 1.0 + 0.3 * len(labels))
-
-
-def _method_table(summary: dict[str, Any]) -> Table:
-    head = ("Joint", "Case", *_METHOD_HEAD, "Effective draws", "Evaluations")
-    rows = tuple(
-        (row["hypothesis"], foreign(row["case"]), *_method_cells(row), f"{row['ess']:.0f}", str(row["evaluations"]))
-        for row in _ranked(summary)
-    )
-    return Table("How ln Z was computed", head, rows, note=report_text("pareto", limit=PARETO_LIMIT))
 
 
 def _joint_table(summary: dict[str, Any]) -> Table:
@@ -370,58 +180,21 @@ def _stiffness_cell(row: Row, name: str) -> str:
     return number(row["map"][name]).replace("-", "−", 1) if name in row["map"] else "–"
 
 
-def _loo_blocks(summary: dict[str, Any]) -> tuple[Block, ...]:
-    rows = [row for row in summary["candidates"] if row["loo"]]
-    notes = dict.fromkeys(row["loo_note"] for row in summary["candidates"] if row["loo_note"])
-    blocks: list[Block] = [Paragraph(f"No cross-validation: {foreign(note)}.") for note in notes]
-    if rows:
-        rows.sort(key=lambda row: -float(row["loo"]["elpd"]))
-        head = ("Joint", "Case", "elpd", "Less than the best", "Largest Pareto k", f"Pareto k above {PARETO_LIMIT:g}")
-        cells = tuple(
-            (
-                row["hypothesis"],
-                foreign(row["case"]),
-                f"{_signed(row['loo']['elpd'], 1)} ± {row['loo']['se']:.1f}",
-                f"{_signed(row['loo']['difference'], 1)} ± {row['loo']['difference_se']:.1f}",
-                number(row["loo"]["pareto_k_max"], 2),
-                str(row["loo"]["pareto_k_above_0.7"]),
-            )
-            for row in rows
-        )
-        blocks.append(Table("Cross-validation", head, cells, note=report_text("elpd")))
-    return tuple(blocks)
-
-
 def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
     present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
     texts = ["; ".join(f"**{name}**: {_meaning(name)}" for name in present) + ".", report_text("comparison")]
     texts += [report_text("nested")] if any(row["method"] == "nested sampling" for row in summary["candidates"]) else []
-    texts += [report_text("loo")] if any(row["loo"] for row in summary["candidates"]) else []
     return tuple(map(Paragraph, texts))
-
-
-def _is_close(two_log_b: float) -> bool:
-    """Whether evidence is not worth more than a bare mention."""
-    return bayes_factor_words(two_log_b) == GRADES[0][1]
-
-
-def _odds(two_log_b: float) -> str:
-    """Such as ``"7.4 to 1"`` or ``"10¹² to 1"``."""
-    power = two_log_b / (2 * math.log(10))
-    if power >= _POWER:
-        return f"10{f'{power:.0f}'.translate(SUPERSCRIPTS)} to 1"
-    ratio = float(f"{10**power:.2g}")
-    return f"{ratio:.0f} to 1" if ratio >= 10 else f"{ratio:g} to 1"
 
 
 def _won(first: str, second: str, two_log_b: float) -> str:
     """Which of two it is, or that this cannot be told."""
     same = first.rpartition(" ")[0].rpartition(" ")[0]
     second = second.removeprefix(f"{same} ") if same else second  # "length 360 mm, not 383 mm"
-    if _is_close(two_log_b):
-        return f"Cannot decide between {first} and {second}: odds {_odds(two_log_b)}."
+    if is_close(two_log_b):
+        return f"Cannot decide between {first} and {second}: odds {odds(two_log_b)}."
     words = bayes_factor_words(two_log_b)
-    return f"{sentence_start(first)}, not {second}: odds {_odds(two_log_b)}, {words} evidence."
+    return f"{sentence_start(first)}, not {second}: odds {odds(two_log_b)}, {words} evidence."
 
 
 def _short_meaning(hypothesis: str) -> str:
@@ -502,9 +275,14 @@ class Comparison:
         return tuple(sorted(self.candidates, key=lambda c: -c.evidence.log_z))
 
     @property
+    def table(self) -> EvidenceTable[tuple[str, str]]:
+        """ln evidence by case and hypothesis."""
+        return EvidenceTable({(c.case, c.hypothesis): c.evidence.log_z for c in self.candidates})
+
+    @property
     def probabilities(self) -> Array:
         """Posterior probability of each candidate, shape (candidates,), if all were equally probable before."""
-        return model_probabilities([c.evidence.log_z for c in self.candidates])
+        return np.array([*self.table.probabilities.values()])
 
     @property
     def trusted(self) -> bool:
@@ -513,7 +291,7 @@ class Comparison:
 
     def two_log_b(self, candidate: WeighedModel) -> float:
         """2 ln B of the best against a candidate: 0 for the best itself."""
-        return 2 * (self.best.evidence.log_z - candidate.evidence.log_z)
+        return self.table.two_log_b((candidate.case, candidate.hypothesis))
 
     def words(self, candidate: WeighedModel) -> str:
         """Evidence for the best against a candidate in the words of Kass and Raftery; ``"best"`` for itself."""
@@ -522,19 +300,12 @@ class Comparison:
     @property
     def by_case(self) -> dict[str, float]:
         """ln of the evidence of each case, its hypotheses as probable as each other before; the best first."""
-        return self._pooled([c.case for c in self.candidates])
+        return self.table.pooled(lambda name: name[0]).ranking
 
     @property
     def by_joint(self) -> dict[str, float]:
         """ln of the evidence of each hypothesis over all cases that weigh it, each as probable; the best first."""
-        return self._pooled([c.hypothesis for c in self.candidates])
-
-    def _pooled(self, groups: Sequence[str]) -> dict[str, float]:
-        """ln of the mean evidence in each group, from the group of each candidate."""
-        log_z = np.array([c.evidence.log_z for c in self.candidates])
-        each = {group: log_z[[g == group for g in groups]] for group in groups}
-        found = {group: float(special.logsumexp(z)) - math.log(len(z)) for group, z in each.items()}
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return self.table.pooled(lambda name: name[1]).ranking
 
     @property
     def _cases(self) -> tuple[str, ...]:
@@ -545,9 +316,9 @@ class Comparison:
         """Whether what was asked has an answer: which case of several, or which joint in one."""
         if len(self._cases) > 1:
             first, second, *_ = self.by_case.values()
-            return not _is_close(2 * (first - second))
+            return not is_close(2 * (first - second))
         _, *others = self.ranking
-        return not others or not _is_close(self.two_log_b(others[0]))
+        return not others or not is_close(self.two_log_b(others[0]))
 
     @property
     def verdict(self) -> str:
@@ -570,9 +341,9 @@ class Comparison:
             sentences.append(_won(joints[0], joints[1], twice[0]))
         elif len(self._cases) == 1:
             sentences.append(f"Nothing was compared: {joints[0]} is the only joint.")
-        if excluded := [(j, t) for j, t in zip(joints[2:], twice[1:], strict=True) if t > GRADES[-1][0]]:
+        if excluded := [(j, t) for j, t in zip(joints[2:], twice[1:], strict=True) if t > VERY_STRONG]:
             everywhere = " in every case" if len(self._cases) > 1 else ""
-            told = ", ".join(f"{joint} (odds {_odds(t)})" for joint, t in excluded)
+            told = ", ".join(f"{joint} (odds {odds(t)})" for joint, t in excluded)
             sentences.append(f"Excluded{everywhere}: {told}.")
         if self.best.at_edge:
             edges = ", ".join(dict.fromkeys(edge.name for edge in self.best.at_edge))
@@ -620,22 +391,6 @@ class Comparison:
             "words": self.words(candidate),
             "probability": probability,
             "at_prior_edge": [asdict(edge) for edge in candidate.at_edge],
-            "loo": self._loo(candidate),
-            "loo_note": candidate.loo_note,
-        }
-
-    def _loo(self, candidate: WeighedModel) -> dict[str, Any] | None:
-        if candidate.loo is None:
-            return None
-        best = max([c.loo for c in self.candidates if c.loo is not None], key=lambda loo: loo.elpd)
-        difference, se = candidate.loo.difference(best)
-        return {
-            "elpd": candidate.loo.elpd,
-            "se": candidate.loo.se,
-            "difference": difference,
-            "difference_se": se,
-            "pareto_k_max": candidate.loo.pareto_k.max(),
-            "pareto_k_above_0.7": int((candidate.loo.pareto_k > PARETO_LIMIT).sum()),
         }
 
     def write(self, directory: str | os.PathLike[str]) -> Path:
@@ -644,7 +399,7 @@ class Comparison:
         Returns
         -------
         Path
-            The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``, ``figures/*.svg``.
+            The directory: ``report.html``, ``report.pdf``, ``compare.json``, ``cases/*.toml``.
 
         Raises
         ------
@@ -823,12 +578,6 @@ def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> Wei
     if not np.isfinite(result.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
     draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
-    efficiency = 1.0 if result.draws is None else min(1.0, result.ess / _KEPT)
-    loo, note = None, ""
-    try:
-        loo = leave_one_out(problem, draws, efficiency)
-    except ModelError as error:
-        note = str(error)
     return WeighedModel(
         case.name,
         case.title,
@@ -837,8 +586,6 @@ def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> Wei
         problem.prior.values(mode),
         result,
         _piled_up(problem.prior, draws),
-        loo,
-        note,
         problem.quantities,
     )
 

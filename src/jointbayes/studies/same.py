@@ -2,6 +2,10 @@
 
 What is uncertain in the structure, and the error of the model in each mode, are the same in two tests of one structure:
 they move both joints alike and cancel in the change, which is known far better than either stiffness.
+
+Two hypotheses are weighed by their evidences: one joint in both tests, and a joint in each. A joint that has changed is
+taken to be up to a factor of two stiffer or softer in each coordinate (95 %), so that a wide prior of the stiffness
+does not count against a change.
 """
 
 import math
@@ -9,26 +13,30 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy import stats
 
 from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, ModelErrorNoise, Nuisance, Problem
 from jointbayes.inference.problem import is_one_structure
 from jointbayes.joint.blocks import Block, Blocks
 from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior import Posterior
-from jointbayes.posterior.homogeneity import FALSE_ALARM
+from jointbayes.posterior.coordinates import coordinate_systems
+from jointbayes.posterior.evidence import PARETO_LIMIT, importance_evidence
+from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
 from jointbayes.posterior.identifiability import listed
 from jointbayes.posterior.phrases import not_converged
 from jointbayes.progress import ProgressCallback
-from jointbayes.rounding import interval, number
+from jointbayes.rounding import interval
+from jointbayes.sampling import fit_proposal
 from jointbayes.structure.recipe import is_damping
-from jointbayes.workflow import find_map, sample_quickly
+from jointbayes.workflow import find_map
 from vibrecords.arrays import Array
 
 _TESTS = ("before", "new")
-_LEAST = 1e-6  # probability by chance that is printed
 _MODES, _DRAWS = 3, 4000
+_CHANGE_SD = math.log(2.0) / 1.96  # of each coordinate of the joint: a factor of two either way in 95 %
+_NODES = 1000  # of the prior over which that of a change is normalised
+_FEWEST = 400.0  # effective draws from which intervals are printed
 _UNKNOWN = 4.0  # upper over lower end of a ratio, from which on a change by a factor of 2 would not show
 
 
@@ -97,22 +105,25 @@ class JointChange:
     together
         What the whole joint does to the natural frequency of the structure before that shows it most clearly; None
         where nobody knows any, as of a measured body.
-    changed, p_value
-        Whether the joint has changed: the probability of such a difference by chance, all stiffnesses together, is
-        below `FALSE_ALARM` of `jointbayes.posterior.homogeneity`.
+    two_log_b
+        2 ln B for a joint in each test against one joint in both: positive where the joint has changed.
     premises
         What is taken for granted, sentences.
     converged, reason
-        Whether the sampler has converged, in words.
+        Whether evidences and intervals can be trusted, and why not.
     """
 
     stiffness: tuple[Change, ...]
     together: Change | None
-    changed: bool
-    p_value: float
+    two_log_b: float
     premises: tuple[str, ...]
     converged: bool
     reason: str
+
+    @property
+    def changed(self) -> bool:
+        """Whether the evidence for a change is strong."""
+        return self.two_log_b > STRONG
 
     @property
     def lines(self) -> Iterator[str]:
@@ -126,10 +137,13 @@ class JointChange:
                 yield f"{k.name} has not changed by more than chance, all stiffnesses together: {k.how_much}."
             else:
                 yield f"{k.name} has {'' if k.shown else 'not '}changed: {k.how_much}."
-        head = "The joint has changed" if self.changed else "No change of the joint is shown"
-        chance = number(self.p_value, 2) if self.p_value >= _LEAST else f"below {number(_LEAST)}"
-        together = f"such a difference has probability {chance} by chance (limit {FALSE_ALARM:g})"
-        yield f"{head}: all stiffnesses together, {together}."
+        weight = f"odds {odds(abs(self.two_log_b))}, all stiffnesses together"
+        if is_close(abs(self.two_log_b)):
+            yield f"Cannot decide whether the joint has changed: {weight}."
+        elif self.two_log_b > 0:
+            yield f"The joint has {'' if self.changed else 'probably '}changed: {weight}."
+        else:
+            yield f"The joint has not changed: {weight}."
         if self.together:
             yield f"The whole joint moves {self.together.name} by {self.together.how_much}."
         yield from self.premises
@@ -145,23 +159,48 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     ModelError
         If one has several tests, or their joints have other quantities.
     """
+    # 1. Both hypotheses, that of a joint each searched from the mode of one joint as well
     own, shared, premises = _together(before, new)
     one = find_map(shared, seed=seed, progress=progress)
-    posterior = sample_quickly(own, seed=seed, progress=progress)
-    gained = _profile(own, posterior.estimate.theta) - _profile(shared, one.theta)
-    degrees = min(len(shared.prior.marginals), *(p.log_posterior.likelihood.n_data for p in (before, new)))
-    p_value = float(chdtrc(degrees, max(0.0, 2 * gained)))
-    changed = p_value < FALSE_ALARM
-    each = [
-        Change.of(q.name, q.unit, *(posterior.values(prefixed(test, q.name)).ravel() for test in _TESTS))
-        for q in before.quantities
-        if q.places
-    ]
-    each.sort(key=lambda k: -k.clarity if changed else (k.unit != "1") + k.high95 - k.low95)
-    if not posterior.check.explains:
+    two = find_map(own, np.tile(one.values, 2), seed=seed, progress=progress)
+    rng, found = np.random.default_rng([seed, 5]), []
+    for problem, estimate in ((shared, one), (own, two)):
+        density, systems = problem.log_posterior, coordinate_systems(problem)
+        found.append(importance_evidence(density, fit_proposal(density, systems, estimate.starts_for_draws, rng), rng))
+    # 2. Evidences, that of a joint each with changes of a likely size
+    draws = found[1].draws
+    if draws is None:
+        raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
+    weight = draws.log_weight - np.logaddexp.reduce(draws.log_weight)
+    likely = float(np.logaddexp.reduce(weight + _log_prior_of_change(own, draws.theta)))
+    table = EvidenceTable({"one joint": found[0].log_z, "a joint each": found[1].log_z + likely})
+    worst, fewest = (pick(getattr(z, key) for z in found) for pick, key in ((max, "pareto_k"), (min, "ess")))
+    trusted = worst <= PARETO_LIMIT and fewest >= _FEWEST
+    reason = f"{fewest:.0f} effective draws of at least {_FEWEST:.0f}, Pareto k {worst:.2g} of at most {PARETO_LIMIT:g}"
+    # 3. The change of each stiffness, and of the natural frequency that shows it best
+    theta = draws.resample(rng, _DRAWS)
+    values, half = own.prior.values(theta), len(before.quantities)
+    of_joint = [(i, q) for i, q in enumerate(before.quantities) if q.places]
+    each = [Change.of(q.name, q.unit, values[:, i], values[:, half + i]) for i, q in of_joint]
+    two_log_b = table.two_log_b("one joint", "a joint each")
+    each.sort(key=lambda k: -k.clarity if two_log_b > STRONG else (k.unit != "1") + k.high95 - k.low95)
+    if two.effort is not None and not two.effort.explains:
         premises = (*premises, "The model does not explain the data: what it lacks may look like a change.")
-    effect = _effect(posterior)
-    return JointChange(tuple(each), effect, changed, p_value, premises, posterior.converged, posterior.reason)
+    return JointChange(tuple(each), _effect(own, theta), two_log_b, premises, trusted, reason)
+
+
+def _log_prior_of_change(own: Problem, theta: Array) -> Array:
+    """ln of the prior with changes of a likely size over that of a joint in each test, shape (n,), of θ, shape (n, d).
+
+    The new joint has its own prior times a normal density about the joint before, normalised for each.
+    """
+    half, ratio = len(own.prior.marginals) // 2, np.zeros(len(theta))
+    for i, marginal in enumerate(own.prior.marginals[half:]):
+        nodes = np.sort(marginal.ppf((np.arange(_NODES) + 0.5) / _NODES))
+        normal = stats.norm(scale=_CHANGE_SD).pdf
+        weight = np.interp(theta[:, i], nodes, normal(nodes[None] - nodes[:, None]).mean(axis=1))
+        ratio += np.log(normal(theta[:, half + i] - theta[:, i]) + np.finfo(float).tiny) - np.log(weight)
+    return ratio
 
 
 def _together(before: Problem, new: Problem) -> tuple[Problem, Problem, tuple[str, ...]]:
@@ -214,16 +253,9 @@ def _premises(own: Problem, common: list[str], apart: list[str], *, alike: bool)
     return tuple(sentences)
 
 
-def _profile(problem: Problem, theta: Array) -> float:
-    """Log likelihood at θ with the priors of what is uncertain besides the joint, but not those of the joint."""
-    rest = zip(problem.prior.nuisances, theta[len(problem.prior.marginals) :], strict=True)
-    of_rest = sum(float(np.squeeze(n.prior.log_density(np.array([x])))) for n, x in rest)
-    return float(problem.log_posterior.log_likelihood(theta)[0]) + of_rest
-
-
-def _effect(posterior: Posterior) -> Change | None:
+def _effect(own: Problem, theta: Array) -> Change | None:
     """Change of the natural frequency that shows most clearly what the new joint does in the structure before."""
-    part, prior, theta = posterior.problem.part(_TESTS[0]), posterior.problem.prior, posterior.thinned(_DRAWS)
+    part, prior = own.part(_TESTS[0]), own.prior
     count, values, factors = min(_MODES, part.test.most_modes), prior.values(theta), prior.factors(theta)
     new = np.tile(values[:, values.shape[1] // 2 :], 2)  # quantities before, then the new ones
     hz = [part.natural_frequencies_hz(k, count, factors) for k in (values, new)] if count > 0 else []
