@@ -131,11 +131,11 @@ def ask_own_sampler(asked, seed=1):
 def main(figure="corner.svg", settings=None):
     """Ask all five, print what they say, and return it by name."""
     pyplot.switch_backend("Agg")
-    posterior = jb.sample(problem(), seed=1, settings=settings)
+    posterior = jb.sample(problem(), seed=1, settings=settings, premises="exact")
     print(posterior.summary())
     table, loo = ask_arviz(posterior)
     described = ask_corner_and_pandas(posterior, Path(figure))
-    coarse = jb.sample(problem(noise=Coarser(3.0)), seed=1, settings=settings)
+    coarse = jb.sample(problem(noise=Coarser(3.0)), seed=1, settings=settings, premises="exact")
     by_modes = jb.find_map(problem(BarByModes()))
     few = problem(data=measured(LINES[::12], percent=20.0), prior=SPRINGS)
     nested, evidence, error = ask_own_sampler(few)

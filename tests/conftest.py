@@ -24,7 +24,7 @@ from jointbayes.cli.commands import main
 from jointbayes.cli.common import FAULT_OF_THE_PROGRAM
 from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
-from jointbayes.inference import ErrorSizes, Likelihood, LogPosterior, Problem, Test, likelihood_of
+from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
 from jointbayes.posterior import Posterior
 from jointbayes.posterior import posterior as posterior_module
@@ -87,7 +87,6 @@ class StatedCase:
     reference_source: str = ""
     measured_frequencies_hz: tuple[float, ...] | None = None
     workshop_problem: Problem | None = None
-    model_error: ErrorSizes | None = None
     default_priors: frozenset[str] = frozenset()
     warnings: tuple[str, ...] = ()
 

@@ -67,7 +67,7 @@ def from_arrays(marginals=None, **changes):
 
 @pytest.fixture(scope="module")
 def sampled():
-    return jb.sample(from_arrays(), settings=QUICK)
+    return jb.sample(from_arrays(), settings=QUICK, premises="exact")
 
 
 def test_a_problem_without_a_case_has_the_seed_1(sampled):
@@ -354,7 +354,8 @@ def test_own_priors_and_terms_act_on_draws_and_map_as_on_a_grid(kind):
     problem = one_spring(prior, extra)
     theta, density = on_grid(prior, extra)
     assert jb.find_map(problem).theta[0] == pytest.approx(theta[np.argmax(density)], abs=2e-3)
-    posterior = jb.sample(problem, seed=2, settings=jb.SamplerSettings(walkers=32, max_steps=2000))
+    settings = jb.SamplerSettings(walkers=32, max_steps=2000)
+    posterior = jb.sample(problem, seed=2, settings=settings, premises="exact")
     assert posterior.converged
     mean = theta @ density
     sd = np.sqrt((theta - mean) ** 2 @ density)

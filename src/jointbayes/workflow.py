@@ -25,7 +25,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Independent, LogPosterior, Premises, Problem, on_nodes
+from jointbayes.inference import Independent, LogPosterior, Premises, Problem, in_workshop, on_nodes
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
@@ -211,11 +211,11 @@ def sample(
 ) -> Posterior:
     """Draw from the posterior of what the data are taken as, which is decided before anything is drawn.
 
-    Measured FRFs of a case are analysed by the modes that they show, and these as typed-in ones are: with an error of
-    the model in each, and with material, length and damping as uncertain as in a workshop where the case neither states
-    their uncertainty nor declares them exact; see `jointbayes.posterior.decision.decide` for when FRFs are analysed as
-    they are. What was decided, and why, is in ``.problem.premises``. Computed data, a case that declares its model
-    exact, and a problem are analysed as stated.
+    Measured FRFs are analysed by the modes that they show, and these as typed-in ones are: with an error of the model
+    in each, and with material, length and damping as uncertain as in a workshop where the case or the problem neither
+    states their uncertainty nor declares them exact; see `jointbayes.posterior.decision.decide` for when FRFs are
+    analysed as they are. What was decided, and why, is in ``.problem.premises``. Computed data, and a model that is
+    declared exact, are analysed as stated. A case and its problem, or one made of arrays, give the same answer.
 
     Parameters
     ----------
@@ -236,8 +236,7 @@ def sample(
     premises
         What the answer takes for granted. ``"exact"`` analyses data within their noise and the model as exact, but for
         what the case calls uncertain; a mapping stands in the place of the case's `[uncertain]`, as
-        ``{"exact": ["density"], "model_error": {"frequency_error": 0.01}}``; ``"usual"`` decides of a problem as of a
-        case. By default what is usual of a case, and a problem as it is stated.
+        ``{"exact": ["density"], "model_error": {"frequency_error": 0.01}}``. By default what is usual, ``"usual"``.
 
     Returns
     -------
@@ -279,7 +278,7 @@ def sample(
         checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"premises": premises or ""})
     estimate = _found_mode(whole or problem, seed, tell, checkpoint)
     computed = all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
-    if premises == "usual" or (premises is None and whole is not None):
+    if premises != "exact":
         answered = answered_problem(problem, whole, estimate, seed)
         if answered is not problem:
             if whole is not None:
@@ -288,7 +287,7 @@ def sample(
                 tell(Progress("premises", answered.premises.decision))
             fallback = settings.for_dimension(len(answered.names))
             return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
-    elif whole is not None and not (whole.model_is_exact or computed):
+    elif whole is not None and not ("model" in problem.exact or computed):
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
@@ -318,22 +317,20 @@ class _Run:
 
 
 def answered_case(case: Case | Problem, seed: int, tell: ProgressCallback) -> Problem:
-    """The problem whose posterior a run of a case gives; where nothing is decided there is no search for the mode."""
-    if isinstance(case, Problem):
-        return case
-    problem = case.problem
+    """The problem whose posterior is the answer; where nothing is decided there is no search for the mode."""
+    problem, whole = (case, None) if isinstance(case, Problem) else (case.problem, case)
     if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
-        return answered_problem(problem, case, find_map(case, seed=seed, progress=tell), seed)
+        return answered_problem(problem, whole, find_map(case, seed=seed, progress=tell), seed)
     return problem
 
 
 def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate, seed: int) -> Problem:
-    """The problem whose posterior is the answer."""
-    if case is not None and case.model_is_exact:
+    """The problem whose posterior is the answer: itself where its model is exact, or where that is decided already."""
+    if "model" in problem.exact or problem.premises.reason or problem.premises.asked:
         return problem
-    freed = None if case is None else case.workshop_problem
-    sizes = None if case is None else case.model_error
-    return decide(problem, estimate, seed, sizes=sizes, freed=freed, assumed=assumed_beyond(problem, freed))
+    freed = in_workshop(problem) if case is None else case.workshop_problem
+    assumed = assumed_beyond(problem, freed)
+    return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed)
 
 
 def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback, checkpoint: UnfinishedRun | None) -> Posterior:

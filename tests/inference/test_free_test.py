@@ -169,7 +169,7 @@ def test_two_tests_leave_the_posterior_of_a_grid_of_dense_eigenproblems():
         weight = np.exp(density - density.max()).sum(axis=(0, 1))
         cumulated = (np.cumsum(weight) - weight / 2) / weight.sum()
         expected = np.interp([0.025, 0.5, 0.975], cumulated, two)
-        posterior = jb.sample(jb.Problem(known, prior), seed=2)
+        posterior = jb.sample(jb.Problem(known, prior), seed=2, premises="exact")
         assert posterior.converged
         drawn = np.quantile(posterior.theta[:, 1], [0.025, 0.5, 0.975])
         np.testing.assert_allclose(drawn, expected, atol=0.03 * (expected[2] - expected[0]))

@@ -46,7 +46,7 @@ from jointbayes.case.toml_text import fault_line, toml_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_numbering
-from jointbayes.inference import ErrorSizes, Problem
+from jointbayes.inference import ErrorSizes, Problem, in_workshop
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
@@ -139,7 +139,8 @@ class Case:
             if not spec.bodies:  # of bodies that were measured alike the level may be off alike
                 warnings += level_warnings(_log_level(problem), "gain" in problem.names, texts[name])
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
-                doubt = find_numbering(problem, None if self.model_is_exact else self.model_error or ErrorSizes())
+                exact = "model" in problem.exact
+                doubt = find_numbering(problem, None if exact else problem.model_error or ErrorSizes())
                 warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)
         for test in self.tests:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(test.spec, test.source, prior_of([test])[0])
@@ -160,7 +161,7 @@ class Case:
         """
         if self.problem is not self.stated or not self.tests or self.problem.premises.reason:
             return None
-        return problem_of([test.with_workshop_uncertainty(self.largest_damping) for test in self.tests], self.name)
+        return in_workshop(self.problem)
 
     @property
     def largest_damping(self) -> float:
@@ -186,17 +187,6 @@ class Case:
         file = Path(self.source.name)
         text = toml_text({**self.source.data, "uncertain": table})
         return _build(self.name, case_text(text, file.name), file.parent, None, allow_outside=True)
-
-    @property
-    def model_is_exact(self) -> bool:
-        """Whether every test of the case declares its model to be exact."""
-        return bool(self.tests) and all("model" in test.spec.uncertain.exact for test in self.tests)
-
-    @property
-    def model_error(self) -> ErrorSizes | None:
-        """Sizes of the model's errors in modes, where the case states them."""
-        stated = self.spec.uncertain.model_error
-        return stated.built() if stated else None
 
     @cached_property
     def sampler(self) -> SamplerSettings:

@@ -577,7 +577,16 @@ def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
         if built.apart is not None:
             noise = built.noise.fitted_to(built.apart, built.noise.parts)  # type: ignore[arg-type]  # of its kind
             left_out.append(replace(test, data=built.apart, noise=noise))
-    return Problem(tests, prior, guess, name=name, left_out=left_out)
+    declared = [test.spec.uncertain.exact for test in case_tests]
+    exact = [
+        name if all(name in of_test for of_test in declared) else prefixed(test.name, name)
+        for test in case_tests
+        for name in test.spec.uncertain.exact
+    ]
+    joined = next((test for test in case_tests if test.spec.joined), case_tests[0])
+    error = joined.spec.uncertain.model_error
+    sizes = error.built() if error else None
+    return Problem(tests, prior, guess, name=name, left_out=left_out, exact=dict.fromkeys(exact), model_error=sizes)
 
 
 def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:

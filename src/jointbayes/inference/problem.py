@@ -117,6 +117,12 @@ class Problem:
         `Posterior.predict_left_out` predicts them.
     premises
         What is taken for granted beyond that; by default nothing.
+    exact
+        What is exactly known, for `jointbayes.sample`: ``"model"``, of which nothing is added to the problem then, or
+        some of ``"youngs_modulus"``, ``"density"``, ``"length"``, ``"damping_ratio"``, ``"accelerometer_mass"``, of
+        one test ``"long.density"``.
+    model_error
+        Sizes of the model's errors in modes that FRFs show; by default the usual ones.
     known_modes
         Modes that were found of problems of the same joints, each by the names of its quantities and uncertain
         quantities, see `with_known_modes`. Every search for the mode starts from them as well.
@@ -138,6 +144,8 @@ class Problem:
     name: str
     left_out: tuple[Test, ...]
     premises: Premises
+    exact: tuple[str, ...]
+    model_error: ErrorSizes | None
     known_modes: tuple[Mapping[str, float], ...]
 
     def __init__(
@@ -155,6 +163,8 @@ class Problem:
         residual_kind: ResidualKind = "complex",
         left_out: Iterable[Test] = (),
         premises: Premises = _AS_STATED,
+        exact: Iterable[str] = (),
+        model_error: ErrorSizes | None = None,
         known_modes: Iterable[Mapping[str, float]] = (),
     ) -> None:
         tests = tuple(tests) if isinstance(tests, Iterable) else (tests,)
@@ -187,7 +197,8 @@ class Problem:
             prior = replace(prior, parametrisation=parametrisation)
         if initial is not None:
             parametrisation.check(initial)
-        values = (tests, prior, initial, extra_log_likelihood, name, tuple(left_out), premises, tuple(known_modes))
+        own_parts = tests, prior, initial, extra_log_likelihood, name, tuple(left_out), premises
+        values = (*own_parts, tuple(exact), model_error, tuple(known_modes))
         for field, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, field.name, value)
 
@@ -233,7 +244,8 @@ class Problem:
         tests, left_out = (
             tuple(test.with_model_error(premises.model_error) for test in some) for some in (self.tests, self.left_out)
         )
-        return replace(self, tests=tests, left_out=left_out, premises=premises)
+        exact = self.exact if premises.model_error or "model" in self.exact else (*self.exact, "model")
+        return replace(self, tests=tests, left_out=left_out, premises=premises, exact=exact)
 
     def with_known_modes(self, prior: JointPrior, theta: ArrayLike) -> "Problem":
         """Return the problem with further modes from which every search starts, next to its own starts.

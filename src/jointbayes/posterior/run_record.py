@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field, with_config
 from typing_extensions import TypedDict
 
 from jointbayes.frf import MeasuredBody
-from jointbayes.inference import ErrorSizes, Problem
+from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
@@ -132,10 +132,6 @@ class SampledCase(Protocol):
     @property
     def workshop_problem(self) -> Problem | None:
         """The same problem with more quantities uncertain."""
-
-    @property
-    def model_error(self) -> ErrorSizes | None:
-        """Sizes of the model's errors in modes, where they are stated."""
 
     @property
     def default_priors(self) -> Collection[str]:

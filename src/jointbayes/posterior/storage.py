@@ -9,6 +9,7 @@ with the problem, by `jointbayes.posterior.stored_file`. ArviZ's 0.x (InferenceD
 import hashlib
 import json
 import os
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -335,7 +336,9 @@ def described(problem: Problem) -> dict[str, Any]:
     return plain
 
 
-def problem_from(array: Callable[[str], NDArray[Any]], record: StoredProblem, where: str) -> Problem:
+def problem_from(
+    array: Callable[[str], NDArray[Any]], record: StoredProblem, where: str, passed: Problem | None = None
+) -> Problem:
     """The problem from what `problem_arrays` made of it.
 
     Parameters
@@ -346,19 +349,22 @@ def problem_from(array: Callable[[str], NDArray[Any]], record: StoredProblem, wh
         The description.
     where
         The file, for messages.
+    passed
+        The problem as it was stated, which has the parts that could not be stored.
 
     Raises
     ------
     ModelError
-        If parts of it could not be stored, this version knows them no more, or they make no problem: which.
+        If parts of it could not be stored and are not passed, this version knows them no more, or they make no problem:
+        which.
     """
-    if record["own"]:
+    if record["own"] and passed is None:
         unstored = ", ".join(f"{place} ({kind})" for place, kind in record["own"].items())
         raise ModelError(
             f"{where}: found a posterior with parts that no file can hold: {unstored}; expected the problem that was "
             "sampled; pass it as load_posterior(path, problem=...)"
         )
-    problem = _Restoring(array, where).part(record["description"], "problem")
+    problem = _Restoring(array, where, passed).part(record["description"], "problem")
     if not isinstance(problem, Problem):
         raise ModelError(f"{where}: found a {type(problem).__name__}; expected a problem; sample again")
     return problem
@@ -377,6 +383,17 @@ def require_same_problem(problem: Problem, record: StoredProblem, where: str) ->
         return
     stated, given = (_parts(plain["description"]) for plain in (record, here))
     names = [name for name in stated if stated[name] != given.get(name)] or ["numbers in its arrays"]
+    if record["description"]["premises"][
+        "reason"
+    ]:  # the answer is of another problem, which follows from the stated one
+        decided = {"tests", "prior", "premises", "left_out", "known_modes"}
+        names = [name for name in here["description"].keys() - decided if name in names]
+        joint = [
+            plain["description"]["prior"][part] for plain in (record, here) for part in ("parametrisation", "marginals")
+        ]
+        names += ["prior"] if joint[:2] != joint[2:] else []
+    if not names:
+        return
     raise ModelError(
         f"{where}: found a posterior of another problem than the one passed: other {', '.join(names)}; expected the "
         "problem that was sampled; pass that one"
@@ -447,6 +464,7 @@ class _Restoring:
 
     array: Callable[[str], NDArray[Any]]
     where: str
+    passed: Problem | None = None
 
     def part(self, plain: Any, place: str) -> Any:  # noqa: ANN401 (any part of a problem)
         if isinstance(plain, list):
@@ -459,6 +477,8 @@ class _Restoring:
             return self.array(str(plain["array"]))
         if "provenance" in plain:
             return stored_value(Provenance, plain["provenance"], f"{self.where}: {place}")
+        if "own" in plain and self.passed is not None:
+            return self._own(str(plain["own"]), place)
         if "mapping" in plain:
             return self._mapping(plain["mapping"], place)
         if "scipy.stats" in plain:
@@ -484,6 +504,16 @@ class _Restoring:
             raise self._fault(
                 place, f"parts of which no {kind.__name__} can be made ({error})", "whole ones"
             ) from error
+
+    def _own(self, name: str, place: str) -> Any:  # noqa: ANN401
+        """The part at a place of the problem that was passed."""
+        part: Any = self.passed
+        for step in re.findall(r"\w+", place)[1:]:
+            whole = step.isdecimal()
+            part = (part[int(step)] if int(step) < len(part) else None) if whole else getattr(part, step, None)
+        if getattr(part, "__qualname__", type(part).__qualname__) != name:
+            raise self._fault(place, f"{type(part).__name__} in the problem passed", name)
+        return part
 
     def _mapping(self, pairs: Any, place: str) -> dict[Any, Any]:  # noqa: ANN401
         if not isinstance(pairs, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):

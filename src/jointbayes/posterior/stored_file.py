@@ -210,10 +210,10 @@ def read_posterior(
     stored, passed = read_stored(path), problem is not None
     where, record = stored.where, stored.record
     with one_line_of(where):
-        if problem is None:
-            problem = problem_from(stored.problem_array, record.problem, where)
-        else:
+        if problem is not None:
             require_same_problem(problem, record.problem, where)
+        if problem is None or record.problem["description"]["premises"]["reason"]:
+            problem = problem_from(stored.problem_array, record.problem, where, problem)
         _require_agreement(problem, record, where)
         values, log_density, ensemble, before = stored.draws(problem)
         if not passed:

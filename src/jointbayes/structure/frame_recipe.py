@@ -27,7 +27,7 @@ from scipy import linalg
 
 from jointbayes.errors import ModelError, similar
 from jointbayes.structure.damping import DampingLaw
-from jointbayes.structure.frame import SPATIAL, FrameBody, Member, Vector
+from jointbayes.structure.frame import SPATIAL, FrameBody, Member, Vector, line_length
 from jointbayes.structure.frame_element import (
     FIELDS,
     BodyFactors,
@@ -37,7 +37,7 @@ from jointbayes.structure.frame_element import (
     part_matrices,
 )
 from jointbayes.structure.matrices import Structure
-from jointbayes.structure.recipe import HALF_WAVES, Recipe
+from jointbayes.structure.recipe import HALF_WAVES, Recipe, in_unit
 from jointbayes.structure.section import BeamMaterial, Section
 from vibrecords.arrays import Array, Indices, convert_fields
 from vibrecords.errors import printable
@@ -602,6 +602,16 @@ class FrameRecipe(MemberRecipe):
             self.require_dof(label)
 
     @property
+    def usual(self) -> dict[str, tuple[str, float]]:
+        """Factors on modulus and density, the length where all bodies are straight, the mass of the accelerometers."""
+        usual = dict.fromkeys(("youngs_modulus", "density"), ("× stated", 1.0))
+        if all(body.straight for _, body in self.bodies):
+            lengths = [line_length([place for _, place in body.points]) or 0.0 for _, body in self.bodies]
+            alike = math.isclose(min(lengths), max(lengths))
+            usual["length"] = ("mm", in_unit(max(lengths), 1e-3)) if alike else ("× stated", 1.0)
+        return self._with_accelerometers(usual)
+
+    @property
     def what(self) -> str:
         """The frame by its bodies."""
         return ", ".join(name for name, _ in self.bodies) or "frame"
@@ -767,6 +777,17 @@ class BeamRecipe(MemberRecipe):
                 raise ModelError.of("beam", ("points", name), found, expected, "take the node there, or move it")
         for label in (*self.supports, *self.accelerometer_dofs):
             self.require_dof(label)
+
+    @property
+    def usual(self) -> dict[str, tuple[str, float]]:
+        """Young's modulus, density, length and the mass of the accelerometers."""
+        material = self.material
+        usual = {
+            "youngs_modulus": ("GPa", in_unit(material.youngs_modulus, 1e9)),
+            "density": ("kg/m³", material.density),
+            "length": ("mm", in_unit(self.length, 1e-3)),
+        }
+        return self._with_accelerometers(usual)
 
     @property
     def what(self) -> str:

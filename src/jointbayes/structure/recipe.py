@@ -44,6 +44,11 @@ def is_damping(name: str) -> bool:
     return name == "loss_factor" or is_damping_ratio(name)
 
 
+def in_unit(value: float, unit: float) -> float:
+    """A value as a multiple of a unit, free of the rounding of the conversion: 0.3829 m are 382.9 mm."""
+    return float(f"{value / unit:.12g}")
+
+
 @dataclass(frozen=True, eq=False)
 class Recipe(ABC):
     """Everything that a structure's matrices are made from, each quantity open to a factor.
@@ -94,6 +99,14 @@ class Recipe(ABC):
     @abstractmethod
     def quantities(self) -> tuple[str, ...]:
         """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
+
+    @property
+    def usual(self) -> dict[str, tuple[str, float]]:
+        """Unit and nominal value of what a workshop does not know exactly; empty where only matrices are known."""
+        return {}
+
+    def _with_accelerometers(self, usual: dict[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+        return usual | {"accelerometer_mass": ("g", in_unit(self.accelerometer_mass, 1e-3))}
 
     @property
     @abstractmethod

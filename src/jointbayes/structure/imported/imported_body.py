@@ -150,6 +150,11 @@ class ImportedRecipe(Recipe):
         return (*_WHOLE, *of_parts, "accelerometer_mass", "damping_ratio", "loss_factor")
 
     @property
+    def usual(self) -> dict[str, tuple[str, float]]:
+        """Factors on Young's modulus and density, and the mass of the accelerometers."""
+        return self._with_accelerometers(dict.fromkeys(_WHOLE, ("× stated", 1.0)))
+
+    @property
     def what(self) -> str:
         """The model by its file, size and first natural frequency."""
         return f"{self.source}, {self.n_whole} DOFs reduced to {len(self.used.mass)}, {self.in_words}"
