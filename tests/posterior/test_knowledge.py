@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.case import case_objects
 from jointbayes.cli.common import print_summary
+from jointbayes.inference import workshop
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior import knowledge as uncertain_inputs
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, assess
@@ -425,7 +425,7 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
     case = jb.case_from_text("cheap", cheap_text())
     assert assumed_beyond(case.problem, case.workshop_problem)[0] == "Young's modulus to 3 %"
-    monkeypatch.setitem(case_objects.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
+    monkeypatch.setitem(workshop.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
     case = jb.case_from_text("cheap", cheap_text())
     assert assumed_beyond(case.problem, case.workshop_problem)[0] == "Young's modulus to 4 %"
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -162,12 +161,6 @@ class Case:
         if self.problem is not self.stated or not self.tests or self.problem.premises.reason:
             return None
         return in_workshop(self.problem)
-
-    @property
-    def largest_damping(self) -> float:
-        """Largest damping ratio of all tests, which a factor on all of them has to leave below 1."""
-        ratios = (test.spec.structure.damping.values.get("damping_ratio", ()) for test in self.tests)
-        return max(chain.from_iterable(ratios), default=0.0)
 
     def with_uncertain(self, table: Mapping[str, object]) -> "Case":
         """The same case with another table `[uncertain]`, which says what its answer takes for granted.

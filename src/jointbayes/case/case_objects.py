@@ -19,7 +19,7 @@ from scipy import sparse
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec.data_table import MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath, metres
-from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT, FactorPriorSpec, JointSpec
+from jointbayes.case.spec.prior_tables import FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
 from jointbayes.case.spec.structure_tables import (
     ImportedSpec,
@@ -412,7 +412,6 @@ def _matrix(file: Path) -> Matrix:
 
 DEFAULT_GUESS_FACTOR = 1e3  # of k11, relative to the beam's own stiffness
 
-_ACCELEROMETER_SD_PERCENT = 5.0
 _ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
 
 
@@ -463,18 +462,6 @@ class CaseTest:
         if of is None or stated is None or stated.level is None:
             return None
         return Level(stated.level, of.name, of.unit)
-
-    def with_workshop_uncertainty(self, largest: float) -> "CaseTest":
-        """The same with material, length and damping uncertain as well, where the case takes them as exactly known.
-
-        Parameters
-        ----------
-        largest
-            Largest damping ratio of all tests.
-        """
-        spec = self.spec
-        uncertain = spec.uncertain.model_copy(update=workshop_priors(spec, self.data, largest))
-        return replace(self, spec=spec.model_copy(update={"uncertain": uncertain}))
 
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
@@ -610,22 +597,6 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
         for q in joint.damping
     ]
     return np.concatenate([guess, damping])
-
-
-def workshop_priors(spec: CaseSpec, data: Data, largest: float) -> dict[str, FactorPriorSpec]:
-    """Priors on material, length, damping and accelerometers as in a workshop, where the case takes them as exact.
-
-    One factor is on the damping ratios of all tests, and leaves the `largest` of them below 1.
-    """
-    offered, stated = spec.structure.stated, spec.uncertain.given
-    usual = {name: FactorPriorSpec(sd_percent=sd) for name, sd in WORKSHOP_SD_PERCENT.items() if name in offered}
-    if "length_offset" in stated:  # the error of the length is stated
-        usual.pop("length", None)
-    if data.frfs is not None and offered.get("accelerometer_mass", ("g", 0.0))[1] > 0:
-        usual["accelerometer_mass"] = FactorPriorSpec(sd_percent=_ACCELEROMETER_SD_PERCENT)
-    if data.frfs is not None and min(spec.structure.damping.values.get("damping_ratio", [0.0])) > 0:
-        usual["damping_ratio"] = FactorPriorSpec(low_factor=0.1, high_factor=max(min(10.0, 0.9 / largest), 1.0))
-    return {name: prior for name, prior in usual.items() if name not in (*stated, *spec.uncertain.exact)}
 
 
 def quantities_of(spec: CaseSpec) -> list[tuple[Nuisance, bool]]:

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from jointbayes.case.spec.prior_tables import WORKSHOP_SD_PERCENT
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
+from jointbayes.inference.workshop import WORKSHOP_SD_PERCENT
 from vibrecords import FrfSet
 from vibrecords.errors import printable
 from vibrecords.formats.about import about_file

@@ -13,7 +13,8 @@ from jointbayes.structure import ModalDamping
 from jointbayes.structure.recipe import UncertainBody, is_damping_ratio
 
 #: Standard deviations of what a workshop does not know exactly.
-WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5, "accelerometer_mass": 5.0}
+WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5}
+_ACCELEROMETER_SD_PERCENT = 5.0
 #: Ends of the factor on damping ratios, and the most that the largest of them may become.
 _DAMPING_FACTORS, _MOST_DAMPING = (0.1, 10.0), 0.9
 #: Order of a structure's quantities among the coordinates; those of single bodies follow.
@@ -63,8 +64,9 @@ def in_workshop(problem: Problem) -> Problem:
 
 def _usual(test: Test, body: UncertainBody, largest: float) -> list[Nuisance]:
     """What a workshop does not know exactly of a structure, where it has such."""
+    percent = WORKSHOP_SD_PERCENT | {"accelerometer_mass": _ACCELEROMETER_SD_PERCENT}
     usual = [
-        Nuisance(name, unit, value, Normal(0.0, WORKSHOP_SD_PERCENT[name] / 100))
+        Nuisance(name, unit, value, Normal(0.0, percent[name] / 100))
         for name, (unit, value) in body.recipe.usual.items()
         if name != "accelerometer_mass" or (test.data.frfs is not None and value > 0)
     ]

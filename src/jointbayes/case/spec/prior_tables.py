@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from jointbayes.joint import Joint, Parametrisation
     from vibrecords.arrays import Array
 
-#: How well material and length are known in a workshop, where the case takes them as exactly known.
-WORKSHOP_SD_PERCENT = {"youngs_modulus": 3.0, "density": 1.0, "length": 0.5}
 _DISTRIBUTION = key_field(
     'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"
 )
