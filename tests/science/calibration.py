@@ -78,7 +78,7 @@ def calibrated(problem, count, *, source=None, seed=1, tell=lambda _i, _seconds:
         rng, began = np.random.default_rng([seed, i]), time.process_time()
         theta = source.prior.sample(rng, 1)[0]
         simulated = simulated_problem(problem, source, theta, rng)
-        posterior = sample(simulated, seed=int(rng.integers(2**32)), settings=settings)
+        posterior = sample(simulated, seed=int(rng.integers(2**32)), settings=settings, premises="exact")
         truth = np.append(theta, simulated.log_posterior(theta[None])[0])
         draws = np.column_stack([posterior.theta, posterior.log_density.ravel()])
         low, high = np.quantile(draws, [0.025, 0.975], axis=0)
