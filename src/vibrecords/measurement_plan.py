@@ -10,7 +10,7 @@ from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from vibrecords.provenance import ChannelUse, Role
-from vibrecords.records import CoherenceRecord, FrfRecord, Record, coherence_on
+from vibrecords.records import CoherenceRecord, FrfRecord, Record, SpectrumRecord, coherence_on
 from vibrecords.rotations import Rotation
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
@@ -121,7 +121,10 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
     apart: list[CoherenceRecord] = []
     uses: dict[tuple[str, Role], ChannelUse] = {}
     labels: dict[str, None] = {}
+    spectra: list[str] = []
     for record in records:
+        if isinstance(record, SpectrumRecord):
+            spectra.append(record.channel)
         if isinstance(record, CoherenceRecord):
             apart.append(record)
         if not isinstance(record, FrfRecord):
@@ -144,6 +147,11 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         factor = of_response / of_force
         values = record.values if factor == 1 else factor * record.values
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
+    if spectra and not labels:
+        raise MeasurementError(
+            f"{where}: found no FRF, but {len(spectra)} spectra ({', '.join(spectra[:3])}); expected an FRF; export "
+            "it, or divide the cross spectrum by the auto spectrum of the force"
+        )
     if not labels:
         raise MeasurementError(f"{where}: found no FRF; expected one; for time histories add a table [data.records]")
     require_channels(channels, labels, where)

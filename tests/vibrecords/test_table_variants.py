@@ -481,3 +481,49 @@ def test_the_damping_of_a_window_is_taken_out(tmp_path, stated):
     np.testing.assert_allclose(listed, DAMPING, rtol=2e-2)  # a third mode lies above the band
     assert not any(warning.key == "exponential_window" for warning in data.provenance.warnings)
     assert any("Damping of the exponential window" in note for note in data.provenance.notes)
+
+
+# ---- advice that is followed
+
+
+def of_case(folder, content, unit="", **more):
+    put(folder / "a.csv", content)
+    channels = {
+        "output 1": Channel("11:y", unit=ChannelUnit(unit)),
+        "input 1": Channel("1:y", unit=ChannelUnit("N" * bool(unit))),
+    }
+    plan = MeasurementPlan(channels, VarianceSource("relative", RelativeNoise(0.01, 0.0)), **more)
+    return read_measurement(["a.csv"], folder, plan).frf
+
+
+@pytest.mark.parametrize("label", ["m/s^2*N", "m/s² N", "(m/s^2 N)"])
+def test_a_unit_of_two_readings_is_asked_for_with_both_and_the_channels_answer(tmp_path, label):
+    content = table([f"Real [{label}]", f"Imag [{label}]"], *RE_IM)
+    for stated in ({}, {"quantity": "accelerance"}):
+        with pytest.raises(MeasurementError, match=r"\(m/s\^2\)\*N or m/\(s\^2\*N\).*; expected .*in \[data"):
+            of_case(tmp_path, content, **stated)
+    np.testing.assert_allclose(of_case(tmp_path, content, "m/s^2").values[:, 0, 0], H, rtol=1e-9)
+    frf = of_case(tmp_path, content.replace(label, "m/(s^2*N)"))
+    np.testing.assert_allclose(frf.values[:, 0, 0], H, rtol=1e-9)
+
+
+def test_spectra_alone_are_refused_and_their_quotient_is_the_frf(tmp_path):
+    force = 2.5e-7 * (1 + F / 500)
+    cross = H * force
+    names = ["Gff (N^2)", "Gxf Real (m/s^2*N)", "Gxf Imag (m/s^2*N)"]
+    with pytest.raises(
+        MeasurementError, match=r"3 spectra.*expected an FRF; export it, or divide the cross spectrum by"
+    ):
+        of_case(tmp_path, table(names, force, cross.real, cross.imag))
+    quotient = cross / force
+    frf = of_case(tmp_path, table(["Real [m/s^2/N]", "Imag [m/s^2/N]"], quotient.real, quotient.imag))
+    np.testing.assert_allclose(frf.values[:, 0, 0], H, rtol=1e-9)
+
+
+def test_a_column_of_small_steps_is_what_the_layout_says(tmp_path):
+    x = 5 + 0.005 * np.arange(500)
+    text = "".join(f"{t:.6g},{y:.6g}\n" for t, y in zip(x, RNG.normal(size=500), strict=True))
+    with pytest.raises(MeasurementError, match='say `axis = "time"` or `axis = "frequency_hz"`'):
+        records_of(tmp_path / "a.csv", text)
+    (record,) = records_of(tmp_path / "a.csv", text, axis="time")
+    assert record.sample_rate_hz == pytest.approx(200)
