@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import jointbayes as jb
+from benchmarks.written_files import write_frf
 from jointbayes.case.case_objects import true_stiffness
 from jointbayes.frf import MeasuredBody, Ports, Substructures, receptance_model
 from jointbayes.joint import Joint, Joints
 from jointbayes.structure import FrameRecipe, Structure
 from vibrecords import FrfSet
-from vibrecords.formats import write_frf
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"

@@ -21,9 +21,9 @@ import numpy as np
 import jointbayes as jb
 from benchmarks.calibration_data import case_of
 from benchmarks.virtual_test import VirtualTest, simulate
+from benchmarks.written_files import FORMATS, write_records
 from jointbayes.joint import LogStiffness
 from vibrecords import FrfData
-from vibrecords.formats import FORMATS, write_records
 
 SETTINGS = jb.SamplerSettings(walkers=48, max_steps=4000)
 AVERAGES = 10

@@ -19,8 +19,8 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from benchmarks.page import table
 from benchmarks.walk_through import exact_accelerance, hits, write_csv, write_frfs, write_lvm
+from benchmarks.written_files import write_records
 from jointbayes.cli.commands import main as jointbayes
-from vibrecords.formats import write_records
 from vibrecords.records import TimeRecord
 
 RATE, LINES, ROUNDS = 5120.0, np.arange(20.0, 1000.0, 4.0), 2

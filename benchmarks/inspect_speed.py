@@ -17,8 +17,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.written_files import write_records
 from vibrecords.arrays import Array
-from vibrecords.formats import write_records
 from vibrecords.inspection import contents_of, contents_of_records, with_resonances
 from vibrecords.modal_problem import ModalProblem
 from vibrecords.records import FrfRecord

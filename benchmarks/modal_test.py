@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.written_files import FORMATS, write_frf
 from jointbayes.case.case import case_from_text
 from jointbayes.case.case_text import read_case_text
 from vibrecords import FrfData
-from vibrecords.formats import FORMATS, write_frf
 
 _CASE = Path(__file__).parent.parent / "configs" / "clamped_beam_midspan.toml"
 _BAND_HZ = 20.0, 2500.0

@@ -16,8 +16,8 @@ from scipy.sparse.linalg import splu
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from benchmarks.exact_beam import ExactBeam, circle
+from benchmarks.written_files import write_frf
 from vibrecords import FrfSet
-from vibrecords.formats import write_frf
 
 Array, Complex = NDArray[np.float64], NDArray[np.complex128]
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"

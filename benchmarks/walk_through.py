@@ -19,7 +19,7 @@ import scipy
 
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.numbers import ROOT, command
-from vibrecords.formats import write_records
+from benchmarks.written_files import write_records
 from vibrecords.records import FrfRecord
 
 PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "my-csv", "first-file", "first-hits"))

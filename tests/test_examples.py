@@ -6,10 +6,11 @@ import json
 import numpy as np
 import pytest
 from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
+from benchmarks.written_files import write_frf
 
 import jointbayes as jb
 from tests.science.calibration import simulated_problem
-from vibrecords.formats import iter_records, write_frf
+from vibrecords.formats import iter_records
 
 pytestmark = pytest.mark.docs
 

@@ -7,10 +7,11 @@ import sys
 import numpy as np
 import pytest
 from benchmarks.size import ROOT
+from benchmarks.written_files import write_frf
 
 from tests.pages import fenced
 from tests.vibrecords.rod import measured
-from vibrecords import RelativeNoise, write_frf
+from vibrecords import RelativeNoise
 
 #: Begins a script to which `import jointbayes` fails.
 HIDDEN = """

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.written_files import write_frf
 
 import jointbayes as jb
 from jointbayes.inference import LogPosterior
@@ -21,9 +22,9 @@ def write_measurements(folder: Path) -> None:
     body = frfs_of(spindle(), ("s5:y", "s4:y"), "accelerance")
     turned = body.values * np.array([[1.0, -1.0], [-1.0, 1.0]])  # the sensor at the back points down
     labels = ("5:y", "4:y")
-    jb.write_frf(FrfSet(LINES, turned, labels, labels, "accelerance"), folder / "spindle.uff", "uff58")
+    write_frf(FrfSet(LINES, turned, labels, labels, "accelerance"), folder / "spindle.uff", "uff58")
     tip = FrfSet(LINES, np.ones((len(LINES), 1, 1)) * (1e-3 + 1e-4j), ("7:y",), ("7:y",), "accelerance")
-    jb.write_frf(tip, folder / "tip.uff", "uff58")
+    write_frf(tip, folder / "tip.uff", "uff58")
 
 
 @pytest.fixture(scope="module")

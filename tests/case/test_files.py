@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.written_files import FORMATS, write_records
 from click.testing import CliRunner
 
 import jointbayes as jb
@@ -15,7 +16,7 @@ from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, cli, edited, pair_matrix, plain_reports
 from tests.one_line import refused
 from vibrecords import CoherenceNoise, FrfSet, Quantity
-from vibrecords.formats import FORMATS, records_of_frf, write_records
+from vibrecords.formats import records_of_frf
 from vibrecords.records import FrfRecord
 from vibrecords.simulated import noisy_frf
 

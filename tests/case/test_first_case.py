@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.walk_through import AVERAGES, COHERENCE, TRUTH, accelerance, hits, write_frfs, write_lvm
+from benchmarks.written_files import write_records
 from click.testing import CliRunner
 
 import jointbayes as jb
 from jointbayes.cli.commands import main
 from tests.one_line import says
-from vibrecords.formats import write_records
 from vibrecords.formats.read import iter_records
 from vibrecords.records import ModeRecord, TimeRecord
 

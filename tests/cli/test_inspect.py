@@ -4,13 +4,13 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+from benchmarks.written_files import write_records
 
 from jointbayes.report.inspect_figure import inspect_figure
 from tests.conftest import cli
 from tests.vibrecords.test_inspection import COARSE, conjugated_file, write_hits
 from tests.vibrecords.test_warnings import records, times
 from vibrecords import inspection
-from vibrecords.formats import write_records
 from vibrecords.inspection import inspect_file
 from vibrecords.records import FrfRecord
 

@@ -118,7 +118,7 @@ def test_nothing_that_jointbayes_did_not_write_is_replaced(user, monkeypatch, co
 
 
 @pytest.mark.whole
-@pytest.mark.parametrize("form", ["uff58", "mat", "csv", "nastran", "abaqus", "ansys"])
+@pytest.mark.parametrize("form", ["csv", "nastran", "abaqus", "ansys"])
 def test_an_exported_file_and_a_figure_are_replaced(user, form):
     arguments = ("export", "draws.nc", "--format", form, "--to", "frf.out")
     assert [cli(*arguments).exit_code for _ in range(2)] == [0, 0]

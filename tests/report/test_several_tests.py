@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from benchmarks.written_files import write_frf
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
@@ -141,7 +142,7 @@ def test_tests_with_measurement_files_are_kept_with_their_data(tmp_path):
     case = jb.case_from_text("source", BASE)
     measured = case.problem.test.data
     for name in ("one", "two"):
-        jb.write_frf(measured.frf, tmp_path / f"{name}.npz", "npz")
+        write_frf(measured.frf, tmp_path / f"{name}.npz", "npz")
     text = BASE.split("[data]")[0]
     for name in ("one", "two"):
         text += f"""

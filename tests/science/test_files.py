@@ -2,8 +2,7 @@
 
 import pytest
 from benchmarks.files import analyse, measured_text, table, truth_text
-
-from vibrecords.formats import FORMATS
+from benchmarks.written_files import FORMATS
 
 pytestmark = pytest.mark.science
 

@@ -9,9 +9,10 @@ import h5py
 import numpy as np
 import scipy.io
 from benchmarks.made_files import function_58, header_164
+from benchmarks.written_files import write_records
 
 from vibrecords import FrfSet
-from vibrecords.formats import records_of_frf, write_records
+from vibrecords.formats import records_of_frf
 
 LINES = np.arange(1.0, 13.0)
 RNG = np.random.default_rng(8)

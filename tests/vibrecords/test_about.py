@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from benchmarks.written_files import write_records
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
-from vibrecords.formats import write_records
 from vibrecords.formats.about import about_file
 from vibrecords.records import FrfRecord
 

@@ -8,13 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 from benchmarks.made_files import function_58
+from benchmarks.written_files import FORMATS, write_records
 
 from tests.fuzz.mutations import damaged_bytes
 from tests.vibrecords.broken_files import MAKERS
 from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_formats import frf_set
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import FORMATS, iter_records, read_frf, records_of_frf, write_records
+from vibrecords.formats import iter_records, read_frf, records_of_frf
 from vibrecords.records import TimeRecord
 
 #: What reading takes beside the file: buffers, and modules imported at the first time.

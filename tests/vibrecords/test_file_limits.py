@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from benchmarks import written_files
 from benchmarks.made_files import function_58, head, lvm
 
 from tests.vibrecords.broken_files import FRF, npz_bytes
@@ -16,7 +17,6 @@ from tests.vibrecords.reading import put
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError
 from vibrecords.formats import (
-    FORMATS,
     detect_format,
     iter_records,
     join_frfs,
@@ -70,22 +70,20 @@ def test_what_is_no_file_is_refused_without_waiting(tmp_path, monkeypatch, name,
         assert len(str(caught.value)) < 600
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_nothing_but_a_file_is_written_over(tmp_path, form):
+def test_nothing_but_a_file_is_written_over(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in ("a\0b", "a" * 300, tmp_path / "pipe", tmp_path, "/dev/full", tmp_path / "none" / "a"):
         with pytest.raises(WriteError, match="expected") as caught:
-            write_frf(FRF, path, form)
+            write_frf(FRF, path)
         assert str(caught.value).isprintable()
     assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
     assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
 
 
-@pytest.mark.parametrize("form", ["csv", "uff58", "hdf5"])
-def test_a_label_that_is_no_text_is_not_written(tmp_path, form):
+def test_a_label_that_is_no_text_is_not_written(tmp_path):
     record = FrfRecord("tip \udc9b", "b", LINES, LINES + 1j, "mobility")
     with pytest.raises(MeasurementError, match="expected"):
-        write_records([record], tmp_path / "a", form)
+        write_records([record], tmp_path / "a")
     assert not list(tmp_path.iterdir())
 
 
@@ -100,7 +98,7 @@ def test_a_file_larger_than_any_measurement_is_not_begun(tmp_path):
 
 @pytest.mark.parametrize("form", ["uff58", "csv", "npz"])
 def test_more_records_than_any_measurement_are_refused(tmp_path, monkeypatch, form):
-    write_frf(FRF, tmp_path / "a", form)
+    written_files.write_frf(FRF, tmp_path / "a", form)
     monkeypatch.setattr(reading, "MOST_RECORDS", 1)
     assert "found more than 1 FRFs and time histories" in refusal(tmp_path / "a")
 
@@ -270,7 +268,7 @@ def test_hits_are_numbered_by_whole_numbers(tmp_path):
 def test_every_format_has_a_fuzz_target():
     from tests.fuzz.targets.files import TARGETS
 
-    assert {target.name for target in TARGETS} == {*FORMATS, "lvm"}
+    assert {target.name for target in TARGETS} == {*written_files.FORMATS, "tsv", "lvm"}
 
 
 @pytest.mark.parametrize("name", ["a{}.npy", "xl/sheet{}.xml"])

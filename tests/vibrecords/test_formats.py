@@ -5,25 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.written_files import FORMATS, write_frf, write_records
 
-from vibrecords import FrfSet
+from vibrecords import FrfSet, formats
 from vibrecords.errors import MeasurementError, WriteError
-from vibrecords.formats import (
-    FORMATS,
-    cut_to_band,
-    detect_format,
-    iter_records,
-    join_frfs,
-    read_frf,
-    records_of_frf,
-    write_frf,
-    write_records,
-)
+from vibrecords.formats import cut_to_band, detect_format, iter_records, join_frfs, read_frf, records_of_frf
 from vibrecords.records import Dof, FrfRecord, TimeRecord, dof_label, parse_dof
 
 #: Text of universal files has columns for 13 digits; all else comes back bit for bit.
 EXACT = [form for form in FORMATS if form != "uff58"]
-KINDS = {"uff58": "uff", "uff58b": "uff", "csv": "table", "tsv": "table"}
+KINDS = {"uff58": "uff", "uff58b": "uff", "csv": "table"}
 AXES = {
     "even": np.arange(1, 41) * 0.5,
     "step_that_is_no_decimal": np.arange(1, 41) * 0.1,
@@ -139,41 +130,47 @@ def test_format_is_told_by_content_not_by_ending(tmp_path, form):
 def test_a_table_refuses_what_it_cannot_hold(tmp_path):
     records = [FrfRecord("1:Z+", "2:Z+", np.arange(1.0, n), np.ones(n - 1), "mobility") for n in (5, 6)]
     with pytest.raises(MeasurementError, match="different lines"):
-        write_records(records, tmp_path / "a", "csv")
+        formats.write_records(records, tmp_path / "a")
     with pytest.raises(MeasurementError, match="one kind"):
-        write_records([records[0], TimeRecord("x", 1.0, np.ones(3))], tmp_path / "a", "csv")
+        formats.write_records([records[0], TimeRecord("x", 1.0, np.ones(3))], tmp_path / "a")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_writing_leaves_the_old_file_when_it_fails(tmp_path):
-    path = tmp_path / "a.uff"
-    write_frf(frf_set(), path, "uff58")
+    path = tmp_path / "a.csv"
+    formats.write_frf(frf_set(), path)
     before = path.read_bytes()
-    with pytest.raises(MeasurementError, match="shorten the label"):
-        write_frf(frf_set(outputs=("1:y", "2:y", "x" * 90)), path, "uff58")
+    with pytest.raises(MeasurementError, match="found a label that is no text"):
+        formats.write_frf(frf_set(outputs=("1:y", "2:y", "\ud800")), path)
     assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["a.uff"]
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
     assert stat.S_IMODE(path.stat().st_mode) & 0o400
 
 
 def test_a_new_file_is_as_readable_as_any_other(tmp_path):
-    write_frf(frf_set(), tmp_path / "a", "csv")
+    formats.write_frf(frf_set(), tmp_path / "a")
     (tmp_path / "b").touch()
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE((tmp_path / "b").stat().st_mode)
 
 
 @pytest.mark.parametrize(
     ("form", "records", "message"),
-    [("xls", records_of_frf(frf_set()), "expected one of uff58"), ("csv", (), "found nothing to write")],
-)
+    [
+        ("xls", records_of_frf(frf_set()), "expected one of csv"),
+        ("csv", (), "found nothing to write"),
+        *((form, records_of_frf(frf_set()), f"'{form}', which went in this version; expected csv; pyuff writes")
+          for form in ("uff58", "uff58b", "tsv", "npz", "mat", "mat73", "hdf5")),
+    ],
+)  # fmt: skip
 def test_writing_says_what_it_needs(tmp_path, form, records, message):
     with pytest.raises(MeasurementError, match=message):
-        write_records(records, tmp_path / "a", form)
+        formats.write_records(records, tmp_path / "a", form)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_writing_into_no_directory_is_one_line(tmp_path):
     with pytest.raises(WriteError, match="cannot be written"):
-        write_frf(frf_set(), tmp_path / "none" / "a", "csv")
+        formats.write_frf(frf_set(), tmp_path / "none" / "a")
 
 
 # labels

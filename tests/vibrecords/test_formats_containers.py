@@ -58,22 +58,6 @@ def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):
     assert {(r.quantity, r.averages) for r in found} == {("mobility", 3)}
 
 
-def test_our_mat_files_are_as_matlab_has_them(tmp_path):
-    from vibrecords.formats import write_frf
-
-    frf = read_npz_set(tmp_path)
-    write_frf(frf, tmp_path / "b", "mat")
-    found = scipy.io.loadmat(str(tmp_path / "b"), appendmat=False)
-    np.testing.assert_array_equal(found["frf"], H)
-    assert [cell[0] for cell in found["outputs"].ravel()] == ["output 1", "output 2", "output 3"]
-    assert found["quantity"][0] == "mobility"
-
-
-def read_npz_set(tmp_path):
-    save_npz(tmp_path / "n", f=LINES, H=H, quantity="mobility")
-    return read_frf(tmp_path / "n")
-
-
 @pytest.mark.parametrize(("change", "message"), [
     ({"frf": H[:3]}, r"found shape \(3, 3, 2\); expected \(lines, outputs, inputs\) with 4 lines"),
     ({"outputs": ["a", "b", "b"]}, "found 3 labels, 2 different; expected 3"),

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import pyuff
 from benchmarks.made_files import function_58, header_164
+from benchmarks.written_files import write_frf
 
 from tests.vibrecords.reading import records_of
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import iter_records, read_frf, write_frf
+from vibrecords.formats import iter_records, read_frf
 from vibrecords.records import FrfRecord, TimeRecord
 
 RNG = np.random.default_rng(3)

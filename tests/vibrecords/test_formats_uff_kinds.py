@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import pyuff
 from benchmarks.made_files import function_58, header_164, mode_55
+from benchmarks.written_files import write_records
 
 from tests.vibrecords.reading import records_of, refusal
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import iter_records, uff_data_sets, write_records
+from vibrecords.formats import iter_records, uff_data_sets
 from vibrecords.inspection import inspect_file
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
@@ -173,24 +174,6 @@ def test_modes_written_are_read_back_with_the_six_digits_of_their_columns(tmp_pa
         for key in ("frequency_hz", "damping_ratio", "shape"):
             assert getattr(back, key) == pytest.approx(getattr(written, key), rel=1e-5), key
     assert [back.modal_mass for back in iter_records(tmp_path / "a.uff")] == [pytest.approx(1 / 7, rel=1e-5), None]
-
-
-def test_pyuff_data_setss_the_modes_that_are_written(tmp_path):
-    modes = exact_modes()
-    write_records(modes, tmp_path / "a.uff", "uff58")
-    sets = [each for each in pyuff.UFF(str(tmp_path / "a.uff")).read_sets() if each["type"] == 55]
-    for mode, theirs in zip(modes, sets, strict=True):
-        assert theirs["mode_n"] == mode.number
-        assert theirs["freq"] == pytest.approx(mode.frequency_hz, rel=1e-5)
-        assert theirs["modal_damp_vis"] == pytest.approx(mode.damping_ratio, rel=1e-5)
-        for i, axis in enumerate(("X", "Y", "Z", "RX", "RY", "RZ")):
-            expected = [mode.shape[f"{node}:{axis}+"] for node in (3, 12)]
-            np.testing.assert_allclose(theirs[f"r{i + 1}"], expected, rtol=1e-5)
-
-
-def test_a_label_that_is_no_node_is_written_into_no_mode(tmp_path):
-    with pytest.raises(MeasurementError, match=r"mode 1: found label 'tip'; expected that of a node, such as '12:Z\+'"):
-        write_records([ModeRecord(1, 5.0, shape={"tip": 1.0})], tmp_path / "a.uff", "uff58")
 
 
 def test_a_spectrum_is_listed_and_no_data(tmp_path):
@@ -360,18 +343,3 @@ def test_every_mode_cut_anywhere_is_read_or_one_line(tmp_path):
             assert all(isinstance(r, ModeRecord) for r in records_of(tmp_path / "a.uff", whole[:size] or " "))
         except MeasurementError as error:
             assert "\n" not in str(error)  # noqa: PT017 (most cuts are errors, some are none)
-
-
-@pytest.mark.parametrize("form", ["uff58", "uff58b"])
-def test_a_spectrum_is_written_as_a_function_that_no_program_takes_for_an_frf(tmp_path, form):
-    lines = np.arange(1.0, 12.0)
-    frf = FrfRecord("4:Y+", "4:Y+", lines, H, "receptance", "m/N")
-    write_records([frf, SpectrumRecord("4:Y+", "lower end", lines, np.abs(H), "m/N")], tmp_path / "a.uff", form)
-    first, second = iter_records(tmp_path / "a.uff")
-    assert (type(first), type(second)) == (FrfRecord, SpectrumRecord)
-    np.testing.assert_allclose(second.frequency_hz, lines)
-    theirs = pyuff.UFF(str(tmp_path / "a.uff")).read_sets()
-    functions = [each for each in theirs if each["type"] == 58]
-    assert [each["func_type"] for each in functions] == [4, 0]
-    assert "lower end" in "".join(functions[1][f"id{n}"] for n in range(1, 6))
-    np.testing.assert_allclose(functions[1]["data"], np.abs(H), rtol=1e-12)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.written_files import write_records
 
 from tests.vibrecords.test_warnings import DAMPING, FREQUENCY, LINES, hammer, records
-from vibrecords.formats import write_records
 from vibrecords.inspection import contents_of_records, contents_text, inspect_file, resonances_text, with_resonances
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.written_files import write_records
 
 from vibrecords import quantity_factor
-from vibrecords.formats import iter_records, write_records
+from vibrecords.formats import iter_records
 from vibrecords.records import FrfRecord, TimeRecord
 from vibrecords.warnings.clear_frf import ClearFrf
 from vibrecords.warnings.collector import WarningCollector, find_warnings

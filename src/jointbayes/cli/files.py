@@ -20,18 +20,6 @@ if TYPE_CHECKING:
     from jointbayes.case.case import Case
     from jointbayes.inference import Test
 
-#: Formats of `simulate`, each with the endings that choose it.
-FORMATS: dict[str, tuple[str, ...]] = {
-    "uff58": (),
-    "uff58b": (".uff", ".unv", ".uf"),
-    "mat": (".mat",),
-    "mat73": (),
-    "csv": (".csv",),
-    "tsv": (".tsv", ".txt"),
-    "npz": (".npz",),
-    "hdf5": (".h5", ".hdf5"),
-}
-
 
 @click.command()
 @click.argument("file", nargs=-1, type=click.Path(path_type=Path))
@@ -76,18 +64,6 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
     lines = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
     manner().result |= {"case": str(target), "questions": [int(line) for line in lines]}
     say(f'Case: {target}; answer each "?" (lines {", ".join(lines)}), then: jointbayes run {target}')
-
-
-def format_of_ending(path: Path, formats: dict[str, tuple[str, ...]]) -> str:
-    """Return the format that the ending of a file chooses; without one the path is refused."""
-    for name, endings in formats.items():
-        if path.suffix.lower() in endings:
-            return name
-    expected = ", ".join(ending for endings in formats.values() for ending in endings)
-    raise CaseError(
-        f"{path}: found no format of the ending {path.suffix!r}; expected one of {expected}; choose another or give "
-        "--format"
-    )
 
 
 @click.command("inspect")

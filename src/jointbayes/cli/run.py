@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from jointbayes.cli import common
-from jointbayes.cli.files import FORMATS, format_of_ending
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
 from jointbayes.cli.targets import force_option, require_free, require_outside
@@ -205,17 +204,18 @@ def report(posterior: Path, out: Path | None) -> None:
     common.exit_by_convergence(loaded)
 
 
-#: Formats of `export`, each with the endings that choose it.
-_EXPORTED = {
-    **{form: FORMATS[form] for form in ("uff58", "uff58b", "mat", "csv")},
-    **{"nastran": (".bdf", ".nas"), "abaqus": (".inp",), "calculix": (), "ansys": (".mac",)},
-}
+#: Formats of `export`, and the endings that choose one; those of formats that went choose what is refused by name.
+_EXPORTED = ("csv", "nastran", "abaqus", "calculix", "ansys")
+_ENDINGS = {".csv": "csv", ".bdf": "nastran", ".nas": "nastran", ".inp": "abaqus", ".mac": "ansys"}
+_GONE = {".uff": "uff58b", ".unv": "uff58b", ".uf": "uff58b", ".mat": "mat", ".npz": "npz", ".h5": "hdf5"}
 
 
 @click.command()
 @click.argument("posterior", type=click.Path(path_type=Path))
 @click.option("--to", "target", required=True, type=click.Path(path_type=Path), help="File to write.")
-@click.option("--format", "form", type=click.Choice(list(_EXPORTED)), help="By default that of the file's ending.")
+@click.option(
+    "--format", "form", metavar="FORMAT", help=f"{', '.join(_EXPORTED)}; by default that of the file's ending."
+)
 @click.option("--units", type=click.Choice(["SI", "mm-N-t"]), default="SI", help="Of the cards; by default SI.")
 @click.option("--test", help="Test, where there are several; by default the first.")
 @click.option("--node", "nodes", multiple=True, metavar="NAME=NUMBER", help="Number of a node with a name; repeatable.")
@@ -230,19 +230,24 @@ def export(
     nodes: tuple[str, ...],
     first_id: int,
 ) -> None:
-    """Write predicted FRFs and modes (uff, mat, csv), or the joint as cards for FE programs, of a posterior file.
+    """Write predicted FRFs (csv), or the joint as cards for FE programs, of a posterior file.
 
     POSTERIOR may be a run directory.
 
     \b
     Examples:
       jointbayes export reports/my_case --to joint.bdf --units mm-N-t
-      jointbayes export posterior.nc --to frf.uff
+      jointbayes export posterior.nc --to frf.csv
     """
     from jointbayes.report.export import export as write
     from jointbayes.workflow import load_posterior
 
-    chosen = form or format_of_ending(target, _EXPORTED)
+    chosen = form or (_ENDINGS | _GONE).get(target.suffix.lower())
+    if chosen is None:
+        raise CaseError(
+            f"{target}: found no format of the ending {target.suffix!r}; expected one of {', '.join(_ENDINGS)}; choose "
+            "another or give --format"
+        )
     pairs = [pair.rpartition("=") for pair in nodes]
     if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
         raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")

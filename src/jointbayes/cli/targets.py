@@ -78,8 +78,8 @@ def _is_ours(file: Path) -> bool:
         head = stream.read(200)
         stream.seek(max(0, file.stat().st_size - 200))
         tail = stream.read().rstrip().removesuffix(b"-->").rstrip()
-    packed = head.startswith((b"PK\x03\x04", b"<?xml"))  # npz and SVG have no room at their beginning
-    return bool(OURS.match(head)) or (packed and tail.endswith(WRITTEN_BY.encode()))
+    figure = head.startswith(b"<?xml")  # SVG has no room at its beginning
+    return bool(OURS.match(head)) or (figure and tail.endswith(WRITTEN_BY.encode()))
 
 
 def _is_posterior(file: Path) -> bool:

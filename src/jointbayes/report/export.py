@@ -1,10 +1,9 @@
-"""What a posterior says, for other programs: predicted FRFs with their band, modes, and the joint as cards."""
+"""What a posterior says, for other programs: predicted FRFs with their band as CSV, and the joint as cards."""
 
 import os
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +19,10 @@ from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_line
 from jointbayes.reproducibility import one_blas_thread
 from vibrecords.arrays import Array
 from vibrecords.files import whole_file, write_whole_file
-from vibrecords.formats.array_files import write_matlab
-from vibrecords.formats.uff_write import write_uff
 from vibrecords.formats.units import si_frf_unit
-from vibrecords.formats.write import arrays_of, write_table
-from vibrecords.records import FrfRecord, ModeRecord, SpectrumRecord, dof_label, parse_dof
+from vibrecords.formats.write import require_written, write_table
+from vibrecords.records import FrfRecord, SpectrumRecord
 
-#: Measurement formats that FRFs and modes are written in.
-FILES = ("uff58", "uff58b", "mat", "csv")
 _IN_MM = {"N/m": (1e-3, "N/mm"), "N·m/rad": (1e3, "N·mm/rad")}
 _FEWEST_MODES, _MOST_MODES, _DRAWS = 3, 20, 400
 
@@ -45,9 +40,9 @@ def export(
 ) -> tuple[str, ...]:
     """Write what a posterior says into a file of another program, and say what was written.
 
-    FRFs are the median of the draws, line by line; both ends of the 95 % band of its magnitude stand beside them, as
-    functions of their own that are no FRFs. Natural frequencies and damping ratios are medians and standard deviations
-    of the draws. Shapes and cards are those of the joint of the medians, or of the joint mode where no joint has these.
+    FRFs are the median of the draws, line by line, with both ends of the 95 % band of its magnitude in columns of their
+    own. Natural frequencies and damping ratios, medians of the draws, stand above the table. Cards are those of the
+    joint of the medians, or of the joint mode where no joint has these.
 
     Parameters
     ----------
@@ -56,8 +51,7 @@ def export(
     path
         The file, written whole or not at all.
     form
-        ``"uff58"``, ``"uff58b"``, ``"mat"`` or ``"csv"`` for FRFs and modes (csv: FRFs alone), ``"nastran"``,
-        ``"abaqus"``, ``"calculix"`` or ``"ansys"`` for cards of the joint.
+        ``"csv"`` for FRFs, ``"nastran"``, ``"abaqus"``, ``"calculix"`` or ``"ansys"`` for cards of the joint.
     test
         Name of the test, where there are several; by default the first.
     units
@@ -69,14 +63,15 @@ def export(
 
     Raises
     ------
+    MeasurementError
+        If the format is unknown, or went.
     ModelError
-        If the format is unknown, a node has no number, or there is nothing to write.
+        If a node has no number, or there is nothing to write.
     WriteError
         If the file cannot be written.
     """
     part, numbers, target = posterior.problem.part(test), dict(nodes or {}), Path(path)
-    if form not in (*FILES, *PROGRAMS):
-        raise ModelError(f"export: found format {form!r}; expected one of {', '.join((*FILES, *PROGRAMS))}; correct it")
+    require_written(form, "export", ("csv", *PROGRAMS))
     theta, of = central_joint(posterior)
     stiffness = part.parametrisation.matrix(part.prior.values(theta)).stiffness
     said = [f"Joint of {posterior.problem.name}: the {of}.", *_joint_lines(posterior, part, theta, units)]
@@ -84,27 +79,18 @@ def export(
         elements, rigid = _elements(part, stiffness, units, numbers)
         write_whole_file(target, fe_cards(form, elements, [*said, *rigid], units, first_id).encode())
         return (f"Cards for {form} of the {of}: {part.test.joints}",)
-    dofs = tuple(dict.fromkeys((*part.test.data.dofs, *part.test.joints.labels)))
-    universal = form.startswith("uff")
-    labels = _numbered_labels(dofs, numbers) if universal else dict(zip(dofs, dofs, strict=True))
-    frfs, ends, band = ((), (), {}) if part.test.data.shown_frfs is None else _frfs(posterior, test, labels)
-    modes = _modes(posterior, test, theta, labels)
-    if not frfs and (form == "csv" or not modes):
+    if part.test.data.shown_frfs is None:
         raise ModelError(
-            f"export: found {part.test.data.words} as data, and no FRFs for {form}; expected FRFs; choose uff58 or mat"
+            f"export: found {part.test.data.words} as data, and no FRFs for csv; expected FRFs; take the natural "
+            "frequencies from summary.json of the run"
         )
-    said += [f"mode {m.number}: {m.frequency_hz!r} Hz, damping ratio {m.damping_ratio!r}" for m in modes]
-    said += [f"node {number} is {name}" for name, number in numbers.items() if universal]
+    frfs, ends = _frfs(posterior, test)
+    modes = _modes(posterior, test, theta)
+    said += [f"mode {n}: {hz!r} Hz, damping ratio {ratio!r}" for n, (hz, ratio) in enumerate(modes, start=1)]
     with whole_file(target) as temporary:
-        if form == "csv":
-            write_table((*frfs, *ends), temporary, ",", ascii_lines(said))
-        elif form == "mat":
-            write_matlab(arrays_of(frfs) | band | _blocks(posterior, part, stiffness, modes), temporary)
-        else:
-            write_uff((*frfs, *ends, *modes), temporary, binary=form == "uff58b", remarks=ascii_lines(said))
+        write_table((*frfs, *ends), temporary, ascii_lines(said))
     medians = f"{len(frfs)} FRFs: the median; with each both ends of its 95 % band, which are no FRFs"
-    shapes = f"{len(modes)} modes: medians of the draws, shapes of the {of}"
-    return (*([medians] if frfs else []), *([shapes] if modes else []))
+    return (medians, *([f"{len(modes)} modes above the table: medians of the draws"] if modes else []))
 
 
 def central_joint(posterior: Posterior) -> tuple[Array, str]:
@@ -116,67 +102,34 @@ def central_joint(posterior: Posterior) -> tuple[Array, str]:
     return np.concatenate([prior.parametrisation.coordinates(medians), rest]), "joint of the medians"
 
 
-def _frfs(
-    posterior: Posterior, test: str | None, labels: Mapping[str, str]
-) -> tuple[tuple[FrfRecord, ...], tuple[SpectrumRecord, ...], dict[str, dict[str, Any]]]:
-    """The median of each FRF, both ends of the band of its magnitude, and these as arrays: lines, outputs, inputs."""
+def _frfs(posterior: Posterior, test: str | None) -> tuple[list[FrfRecord], list[SpectrumRecord]]:
+    """The median of each FRF, and both ends of the band of its magnitude."""
     band = posterior.predict_frf(test=test)
     turn: NDArray[np.complex128] = np.exp(1j * np.deg2rad(band.phase_deg))
     line, unit = band.frequency_hz, si_frf_unit(band.quantity)
     sizes = {"lower end of 95 %": band.magnitude_low, "upper end of 95 %": band.magnitude_high}
     frfs, ends = [], []
     for (i, output), (j, input_) in product(enumerate(band.outputs), enumerate(band.inputs)):
-        pair = labels[output], labels[input_]
-        frfs.append(FrfRecord(*pair, line, (band.magnitude * turn)[:, i, j], band.quantity, unit))
-        ends += [
-            SpectrumRecord(pair[0], f"{end} / {pair[1]}", line, size[:, i, j], unit) for end, size in sizes.items()
-        ]
-    return tuple(frfs), tuple(ends), {"band95": {"low": band.magnitude_low, "high": band.magnitude_high}}
+        frfs.append(FrfRecord(output, input_, line, (band.magnitude * turn)[:, i, j], band.quantity, unit))
+        ends += [SpectrumRecord(output, f"{end} / {input_}", line, size[:, i, j], unit) for end, size in sizes.items()]
+    return frfs, ends
 
 
-def _modes(posterior: Posterior, test: str | None, theta: Array, labels: Mapping[str, str]) -> tuple[ModeRecord, ...]:
-    """Lowest modes with unit modal mass at these DOFs of the model; none of a structure with a measured body."""
+def _modes(posterior: Posterior, test: str | None, theta: Array) -> list[tuple[float, float]]:
+    """Median frequency, Hz, and damping ratio of the lowest modes; none of a structure with a measured body."""
     part = posterior.problem.part(test)
-    one, most, dofs = part.test, min(_MOST_MODES, part.test.most_modes), tuple(labels)
+    one, most, rows = part.test, min(_MOST_MODES, part.test.most_modes), posterior.thinned(_DRAWS)
     if most < 1:
-        return ()
+        return []
 
-    def modal_at(rows: Array, count: int) -> Modal:
-        return AssembledShapes(one.structures, one.joints, count, dofs).modes(
-            part.parametrisation.matrix(part.prior.values(rows)), part.structural(part.prior.factors(rows))
-        )
+    def modal_at(at: Array, count: int) -> Modal:
+        shapes = AssembledShapes(one.structures, one.joints, count, tuple(one.data.dofs))
+        return shapes.modes(part.parametrisation.matrix(part.prior.values(at)), part.structural(part.prior.factors(at)))
 
-    modal = modal_at(theta[None], most)
-    count = min(most, max(_FEWEST_MODES, int((modal.frequency_hz[0] <= one.data.top_hz).sum())))
+    count = min(most, max(_FEWEST_MODES, int((modal_at(theta[None], most).frequency_hz[0] <= one.data.top_hz).sum())))
     frequency_hz = posterior.predict_natural_frequencies(count, test=test)  # those of page one
-    damping_ratio = modal_at(posterior.thinned(_DRAWS), count).damping_ratio
-    modes = []
-    for n in range(count):
-        middles = _median_and_sd(frequency_hz[:, n]), _median_and_sd(damping_ratio[:, n])
-        shape = dict(zip(labels.values(), modal.shapes[0, n].astype(complex).tolist(), strict=True))
-        modes.append(ModeRecord(n + 1, *middles[0], *middles[1], shape, 1.0))
-    return tuple(modes)
-
-
-def _median_and_sd(values: Array) -> tuple[float, float | None]:
-    """Median and standard deviation; no deviation of what the model holds fixed, but for rounding."""
-    sd = float(values.std())
-    return float(np.median(values)), sd if sd > 1e-9 * float(np.abs(values).max()) else None
-
-
-def _numbered_labels(dofs: tuple[str, ...], nodes: dict[str, int]) -> dict[str, str]:
-    """Labels of DOFs as a universal file has them; a node without a number gets one in `nodes` that is free."""
-    names = {dof: dof.rpartition(":")[0] for dof in dofs}
-    taken = {0, *nodes.values(), *(int(name) for name in names.values() if name.isdigit() and name not in nodes)}
-    labels = {}
-    for dof, name in names.items():
-        if not name.isdigit() and name not in nodes:
-            nodes[name] = max(taken) + 1
-            taken.add(nodes[name])
-        numbered = f"{nodes.get(name, name)}:{dof.rpartition(':')[2]}"
-        parsed = parse_dof(numbered)
-        labels[dof] = numbered if parsed is None else dof_label(parsed)
-    return labels
+    middles = (np.median(frequency_hz, axis=0), np.median(modal_at(rows, count).damping_ratio, axis=0))
+    return [(float(hz), float(ratio)) for hz, ratio in zip(*middles, strict=True)]
 
 
 def _elements(
@@ -209,31 +162,3 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
         if quantity.role != "stiffness":
             said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
     return said
-
-
-def _blocks(
-    posterior: Posterior, part: Problem, stiffness: Array, modes: tuple[ModeRecord, ...]
-) -> dict[str, dict[str, Any]]:
-    """Modes and joint as named arrays; of the modes the names are those that pyOMA made usual."""
-    names = [quantity.name for quantity in part.parametrisation.quantities if quantity.places]
-    known = [posterior.verdict(name) for name in names]
-    joint = {
-        "stiffness": stiffness,
-        "dofs": [dof for joint in part.test.joints.joints for dof in joint.dofs],
-        "names": names,
-        "units": [posterior.unit(name) for name in names],
-        "median": np.array([each.median for each in known]),
-        "interval95": np.array([each.interval95 for each in known]),
-        "verdict": [each.verdict for each in known],
-    }
-    if not modes:
-        return {"joint": joint}
-    of_modes = {
-        "Fn": np.array([mode.frequency_hz for mode in modes]),
-        "Fn_std": np.array([mode.frequency_sd_hz for mode in modes], dtype=float),
-        "Xi": np.array([mode.damping_ratio for mode in modes]),
-        "Xi_std": np.array([mode.damping_sd for mode in modes], dtype=float),
-        "Phi": np.array([list(mode.shape.values()) for mode in modes]).T,
-        "dofs": list(modes[0].shape),
-    }
-    return {"modes": of_modes, "joint": joint}

@@ -1,4 +1,4 @@
-"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read as one tree of arrays and texts, and written."""
+"""Files of named arrays: npz (never a pickle), HDF5 and MATLAB, read as one tree of arrays and texts."""
 
 import math
 import mmap
@@ -18,7 +18,6 @@ from vibrecords.arrays import complex_of
 from vibrecords.errors import MeasurementError, require_at_most
 from vibrecords.formats import matlab_5
 from vibrecords.formats.matlab_5 import ATTRIBUTE, Block, MatrixOf, Unread, full_matrix, read_matlab_4
-from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
 
 #: A compressed file may unpack to this many times its size, or to 64 MiB: constant signals pack well.
@@ -26,7 +25,6 @@ _RATIO, _ALWAYS = 20, 2**26
 _MOST_ENTRIES = 5000  # of an archive
 #: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
 _LONGEST_TEXT = 4096
-_MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
 
 
 def read_arrays(path: Path, kind: str, most: int = 0, matrix: MatrixOf = full_matrix) -> Block:
@@ -118,31 +116,6 @@ def _read_npz(path: Path, most: int, _matrix: MatrixOf) -> Block:
                     raise MeasurementError(f"variable '{name}': found an array '{group}' as well; rename one of them")
             block[key] = array
     return tree
-
-
-def write_npz(blocks: dict[str, Block], path: Path) -> None:
-    """Write blocks of named arrays; exact, uncompressed."""
-    arrays = {f"{name}/{k}".lstrip("/"): np.asarray(v) for name, block in blocks.items() for k, v in block.items()}
-    with path.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
-    with zipfile.ZipFile(path, "a") as archive:
-        archive.comment = WRITTEN_BY.encode()
-
-
-# ---- MATLAB 5
-
-
-def write_matlab(blocks: dict[str, Block], path: Path) -> None:
-    """Write blocks of named arrays as variables, or as structs where there are several."""
-    from scipy.io import savemat
-
-    variables: Block = {}
-    for name, block in blocks.items():
-        cells = {k: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v for k, v in block.items()}
-        variables |= {name: cells} if name else cells
-    savemat(str(path), variables, appendmat=False, oned_as="column")
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 5.0 MAT-file, Platform: jointbayes, Created on: unknown".ljust(116))
 
 
 # ---- HDF5 and MATLAB 7.3
@@ -328,48 +301,6 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
             f"{_LONGEST_TEXT}; {matlab_5.REMEDY}"
         )
     return np.array(item.asstr(errors="replace")[()], dtype=str)
-
-
-def write_hdf5(blocks: dict[str, Block], path: Path, *, matlab: bool = False) -> None:
-    """Write blocks of named arrays, one group for each where there are several.
-
-    They stand behind a header of 512 bytes, where `matlab` that of MATLAB 7.3.
-    """
-    import h5py
-
-    with h5py.File(path, "w", userblock_size=512, locking=False) as file:  # `whole_file` has locked it
-        for name, block in blocks.items():
-            group: Any = file.create_group(name) if name else file
-            if name and matlab:
-                group.attrs["MATLAB_class"] = np.bytes_("struct")
-            for key, value in block.items():
-                if matlab:
-                    _matlab_variable(group, key, value)
-                else:
-                    group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
-    with path.open("r+b") as raw:
-        raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM" if matlab else WRITTEN_BY.encode() + b"\0")
-
-
-def _matlab_variable(group: Any, key: str, value: Any) -> None:  # noqa: ANN401
-    if isinstance(value, (str, list)):
-        rows = [value] if isinstance(value, str) else value
-        codes = [np.frombuffer(row.encode("utf-16-le"), "<u2") for row in rows]
-        table = np.full((len(rows), max(1, *(row.size for row in codes))), 32, dtype="<u2")
-        for line, row in zip(table, codes, strict=True):
-            line[: row.size] = row
-        item = group.create_dataset(key, data=table.T)
-        item.attrs["MATLAB_class"] = np.bytes_("char")
-        item.attrs["MATLAB_int_decode"] = np.int32(2)
-        return
-    array = np.atleast_1d(np.asarray(value))
-    array = array[:, None] if array.ndim == 1 else array
-    if np.iscomplexobj(array):
-        pair = np.empty(array.shape, dtype=[("real", "<f8"), ("imag", "<f8")])
-        pair["real"], pair["imag"] = array.real, array.imag
-        array = pair
-    item = group.create_dataset(key, data=array.T)
-    item.attrs["MATLAB_class"] = np.bytes_("double")
 
 
 _READERS: dict[str, Callable[[Path, int, MatrixOf], Block]] = {

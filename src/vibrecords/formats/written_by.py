@@ -4,7 +4,4 @@ import re
 
 #: What files in the formats of other programs say of themselves, and how those begin that may be replaced.
 WRITTEN_BY = "written by: jointbayes"
-OURS = re.compile(
-    rb"(?:#|\$|\*\*|!) written by: jointbayes\r?\n|written by: jointbayes\0|    -1\r?\n   151\r?\njointbayes\r?\n|"
-    rb"MATLAB (?:5\.0|7\.3) MAT-file, Platform: jointbayes,"
-)
+OURS = re.compile(rb"(?:#|\$|\*\*|!) written by: jointbayes\r?\n")

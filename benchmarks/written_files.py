@@ -1,8 +1,14 @@
-"""Universal files written: data sets 151, 164, for each function 58 in text or 58b, for each mode 55."""
+"""Records written in the formats of other programs, for the shipped data and for tests of the readers.
+
+Universal files: data sets 151, 164, for each function 58 in text or 58b, for each mode 55. Arrays: npz, MATLAB 5 and
+7.3, HDF5.
+"""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,7 +18,10 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, SensorQuantity
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.uff_data_sets import AXIS_TYPES, NORMAL_MODES
-from vibrecords.formats.units import MOTION_OF, SI_SENSOR
+from vibrecords.formats.units import MOTION_OF, SI_SENSOR, si_frf_unit
+from vibrecords.formats.write import records_of_frf, write_table
+from vibrecords.formats.written_by import WRITTEN_BY
+from vibrecords.frf_set import FrfSet
 from vibrecords.records import Dof, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, dof_label, parse_dof
 
 #: Type of the data set of remarks: one that the format leaves to users.
@@ -196,3 +205,154 @@ def _mode_lines(mode: ModeRecord) -> list[str]:
         cells = [f"{x:13.5E}" for x in numbers]
         lines += [f"{node:10d}", *("".join(cells[i : i + 6]) for i in range(0, len(cells), 6))]
     return lines
+
+
+# ---- arrays
+
+Block = dict[str, Any]
+_MATLAB_HEADER = b"MATLAB 7.3 MAT-file, Platform: jointbayes, Created on: unknown HDF5 schema 1.00 ."
+
+
+def write_npz(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays; exact, uncompressed."""
+    arrays = {f"{name}/{k}".lstrip("/"): np.asarray(v) for name, block in blocks.items() for k, v in block.items()}
+    with path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes every name for allow_pickle
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = WRITTEN_BY.encode()
+
+
+def write_matlab(blocks: dict[str, Block], path: Path) -> None:
+    """Write blocks of named arrays as variables, or as structs where there are several."""
+    from scipy.io import savemat
+
+    variables: Block = {}
+    for name, block in blocks.items():
+        cells = {k: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v for k, v in block.items()}
+        variables |= {name: cells} if name else cells
+    savemat(str(path), variables, appendmat=False, oned_as="column")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 5.0 MAT-file, Platform: jointbayes, Created on: unknown".ljust(116))
+
+
+def write_hdf5(blocks: dict[str, Block], path: Path, *, matlab: bool = False) -> None:
+    """Write blocks of named arrays, one group for each where there are several.
+
+    They stand behind a header of 512 bytes, where `matlab` that of MATLAB 7.3.
+    """
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512, locking=False) as file:  # `whole_file` has locked it
+        for name, block in blocks.items():
+            group: Any = file.create_group(name) if name else file
+            if name and matlab:
+                group.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, value in block.items():
+                if matlab:
+                    _matlab_variable(group, key, value)
+                else:
+                    group[key] = np.array(value, dtype=h5py.string_dtype()) if isinstance(value, list) else value
+    with path.open("r+b") as raw:
+        raw.write(_MATLAB_HEADER.ljust(124) + b"\x00\x02IM" if matlab else WRITTEN_BY.encode() + b"\0")
+
+
+def _matlab_variable(group: Any, key: str, value: Any) -> None:
+    if isinstance(value, (str, list)):
+        rows = [value] if isinstance(value, str) else value
+        codes = [np.frombuffer(row.encode("utf-16-le"), "<u2") for row in rows]
+        table = np.full((len(rows), max(1, *(row.size for row in codes))), 32, dtype="<u2")
+        for line, row in zip(table, codes, strict=True):
+            line[: row.size] = row
+        item = group.create_dataset(key, data=table.T)
+        item.attrs["MATLAB_class"] = np.bytes_("char")
+        item.attrs["MATLAB_int_decode"] = np.int32(2)
+        return
+    array = np.atleast_1d(np.asarray(value))
+    array = array[:, None] if array.ndim == 1 else array
+    if np.iscomplexobj(array):
+        pair = np.empty(array.shape, dtype=[("real", "<f8"), ("imag", "<f8")])
+        pair["real"], pair["imag"] = array.real, array.imag
+        array = pair
+    item = group.create_dataset(key, data=array.T)
+    item.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def arrays_of(records: Iterable[Record]) -> dict[str, dict[str, Any]]:
+    """Blocks of named arrays for records: one block for FRFs on one grid and one rate, else one for each record.
+
+    Returns
+    -------
+    dict
+        Name of the block to its arrays; the name is empty where there is one block only.
+    """
+    records = list(records)
+    frfs = [record for record in records if isinstance(record, FrfRecord)]
+    times = [record for record in records if isinstance(record, TimeRecord)]
+    blocks = [_frf_block(group) for group in _grids(frfs)]
+    same = len({(record.sample_rate_hz, record.values.size) for record in times}) == 1
+    blocks += [_time_block(group) for group in ([times] if same else [[record] for record in times])]
+    return {"": blocks[0]} if len(blocks) == 1 else {f"record_{i + 1}": block for i, block in enumerate(blocks)}
+
+
+def _grids(frfs: Sequence[FrfRecord]) -> list[list[FrfRecord]]:
+    """All records as one grid where they form one, in grid order; else each by itself."""
+    pairs = {(record.response, record.reference): record for record in frfs}
+    outputs, inputs = (dict.fromkeys(pair[side] for pair in pairs) for side in (0, 1))
+    alike = len({(r.quantity, r.averages, r.coherence is None) for r in frfs}) == 1
+    on_lines = all(np.array_equal(r.frequency_hz, frfs[0].frequency_hz) for r in frfs)
+    if alike and on_lines and len(pairs) == len(frfs) == len(outputs) * len(inputs):
+        return [[pairs[pair] for pair in product(outputs, inputs)]]
+    return [[record] for record in frfs]
+
+
+def _frf_block(group: list[FrfRecord]) -> dict[str, Any]:
+    first = group[0]
+    outputs, inputs = (list(dict.fromkeys(getattr(r, side) for r in group)) for side in ("response", "reference"))
+    shape = (len(outputs), len(inputs), first.frequency_hz.size)
+    block: dict[str, Any] = {
+        "frequency_hz": first.frequency_hz,
+        "frf": np.moveaxis(np.array([r.values for r in group]).reshape(shape), -1, 0),
+        "outputs": outputs,
+        "inputs": inputs,
+    }
+    if first.quantity is not None:
+        block |= {"quantity": first.quantity, "unit": si_frf_unit(first.quantity)}
+    if first.coherence is not None:
+        block["coherence"] = np.moveaxis(np.array([r.coherence for r in group]).reshape(shape), -1, 0)
+    if first.averages is not None:
+        block["averages"] = float(first.averages)
+    return block
+
+
+def _time_block(group: list[TimeRecord]) -> dict[str, Any]:
+    return {
+        "sample_rate_hz": group[0].sample_rate_hz,
+        "samples": np.array([r.values for r in group]).T,
+        "channels": [r.channel for r in group],
+        "quantities": [r.quantity for r in group],
+        "units": [SI_SENSOR[r.quantity] or " " for r in group],
+        "hits": np.array([float(r.hit or 0) for r in group]),
+    }
+
+
+_WRITERS: dict[str, Callable[[Sequence[Record], Path], None]] = {
+    "uff58": lambda records, path: write_uff(records, path, binary=False),
+    "uff58b": lambda records, path: write_uff(records, path, binary=True),
+    "csv": write_table,
+    "npz": lambda records, path: write_npz(arrays_of(records), path),
+    "mat": lambda records, path: write_matlab(arrays_of(records), path),
+    "mat73": lambda records, path: write_hdf5(arrays_of(records), path, matlab=True),
+    "hdf5": lambda records, path: write_hdf5(arrays_of(records), path),
+}
+#: Formats that can be written here.
+FORMATS = tuple(_WRITERS)
+
+
+def write_records(records: Iterable[Record], path: str | Path, format: str) -> None:
+    """Write FRFs or time histories in SI units; `format` is one of `FORMATS`."""
+    _WRITERS[format](tuple(records), Path(path))
+
+
+def write_frf(frf: FrfSet, path: str | Path, format: str) -> None:
+    """Write a set of FRFs; `format` is one of `FORMATS`."""
+    write_records(records_of_frf(frf), path, format)
