@@ -106,7 +106,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tests", type=int, default=200)
     options = parser.parse_args()
-    outcomes = [Outcome(**line) for line in kept_lines(KEPT, "modal fit, 1")]
+    outcomes = [Outcome(**line) for line in kept_lines(KEPT, "modal fit, 2")]
     done = {outcome.index for outcome in outcomes}
     for index in range(options.tests):
         if index not in done:

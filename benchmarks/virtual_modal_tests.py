@@ -2,8 +2,9 @@
 
 Modes are those of uniform Euler-Bernoulli beams, from the roots of their frequency equations; some beams bend in two
 planes. The response to a force that is linear between samples is exact at the samples, mode by mode, so that the poles
-of the sampled FRFs are those of the beam. FRFs are H1 estimates over blocks: hits whose ring-down a block cuts off
-leave no leakage in the poles but in their damping's uncertainty; random blocks with a Hann window do leak.
+of the sampled FRFs are those of the beam. FRFs are H1 estimates over blocks. Some kinds are hard to read: random blocks
+leak, half sines have zeros in their spectrum, a single hit has no coherence and a drift, a window damps and makes noise
+smooth, and a shaker drives part of the band only.
 """
 
 from dataclasses import dataclass
@@ -11,14 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from vibrecords import FrfSet
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-KINDS = ("hits that ring down", "hits cut off by the block", "random blocks with a Hann window")
+RING_DOWN, CUT_OFF, HANN = "hits that ring down", "hits cut off by the block", "random blocks with a Hann window"
+ONE_HIT, ZEROS = "one hit on a free beam", "hits whose force has zeros"
+EXPONENTIAL, PARTLY_DRIVEN = "an exponential window", "a shaker that drives part of the band"
+KINDS = (RING_DOWN, CUT_OFF, HANN, ONE_HIT, ZEROS, EXPONENTIAL, PARTLY_DRIVEN)
 #: What cos βL cosh βL is; of a pinned beam sin βL is 0.
 _ENDS = {"clamped-free": -1.0, "free-free": 1.0, "clamped-clamped": 1.0, "pinned-pinned": 0.0}
 
@@ -83,10 +87,10 @@ def beam_shapes(ends: str, roots: Array, x: Array) -> Array:
     return np.asarray(hyperbolic + sign * (np.cos(bx) - ratio * np.sin(bx)))
 
 
-def random_beam(rng: np.random.Generator, sensors: int, highest_hz: float) -> Modes:
-    """A beam with three to seven modes below `highest_hz`, and all up to three times that."""
+def random_beam(rng: np.random.Generator, sensors: int, highest_hz: float, *, free: bool = False) -> Modes:
+    """Draw a beam with three to seven modes below `highest_hz`, and all up to three times that."""
     while True:
-        ends = str(rng.choice(list(_ENDS)))
+        ends = "free-free" if free else str(rng.choice(list(_ENDS)))
         below = int(rng.integers(3, 8))
         roots = beam_roots(ends, 2 * below + 4)
         at = rng.uniform(0.05, 0.98, sensors)
@@ -122,37 +126,45 @@ def _modal_responses(modes: Modes, force: Array, step_s: float) -> Array:
 
 
 def simulate(index: int, seed: int = 1) -> VirtualTest:
-    """Virtual test number so many: kind, sensors, beam, blocks, noise and notches are all drawn."""
+    """Simulate one virtual test: its kind follows from the number, all else is drawn."""
     rng = np.random.default_rng([seed, index])
-    kind, sensors, notches = KINDS[index % 3], 1 + (index // 3) % 5, rng.random() < 0.5
+    kind, sensors, notches = KINDS[index % len(KINDS)], 1 + (index // len(KINDS)) % 5, rng.random() < 0.5
     highest, rate = 1000.0, 5000.0
-    modes = random_beam(rng, sensors, highest)
+    one_hit, random = kind == ONE_HIT, kind in (HANN, PARTLY_DRIVEN)
+    modes = random_beam(rng, sensors, highest, free=one_hit)
     inside = modes.frequency_hz < highest
     slowest = float((modes.damping * modes.frequency_hz)[inside].min())
     # decay over a block: exp(−2π·slowest·T)
-    if kind == KINDS[0]:
-        block_s = rng.uniform(5, 9) / (2 * np.pi * slowest)
-    elif kind == KINDS[1]:
-        block_s = rng.uniform(1.2, 3) / (2 * np.pi * slowest)
-    else:
-        block_s = rng.uniform(3, 12) / (2 * np.pi * slowest)
+    decays = {RING_DOWN: (5, 9), ZEROS: (3, 9), ONE_HIT: (3, 9), HANN: (3, 12), PARTLY_DRIVEN: (8, 16)}
+    block_s = rng.uniform(*decays.get(kind, (1.2, 3))) / (2 * np.pi * slowest)
     samples = 2 * int(np.clip(block_s, 0.25, 2.0) * rate / 2)
-    random = kind == KINDS[2]
-    averages = int(rng.integers(10, 60)) if random else int(rng.integers(3, 11))
-    window = np.hanning(samples + 1)[:-1] if random else np.ones(samples)
+    averages = 1 if one_hit else int(rng.integers(10, 60)) if random else int(rng.integers(3, 11))
+    window, rate_of_window = np.ones(samples), 0.0
+    if random:
+        window = np.hanning(samples + 1)[:-1]
+    elif kind == EXPONENTIAL:
+        averages = int(rng.choice([1, 3, 5, 10]))
+        rate_of_window = -np.log(10 ** rng.uniform(-3, -1)) * rate / samples
+        window = np.exp(-rate_of_window * np.arange(samples) / rate)
     frequency = np.fft.rfftfreq(samples, 1 / rate)
     used = (frequency > 8.0) & (frequency <= highest)
     frequency = frequency[used]
-    spectra_x, spectra_y, clean = _spectra(rng, modes, kind, (averages, samples, rate), window, used)
+    driven_hz = highest * (rng.uniform(0.3, 0.7) if kind == PARTLY_DRIVEN else 1.0)
+    spectra_x, spectra_y, clean = _spectra(rng, modes, kind, (averages, samples, rate), window, used, driven_hz)
     peak = np.abs(clean).max()
-    # white noise of the sensors
+    # white noise of the sensors, of a single hit with a part that grows towards 0 Hz
     level = np.sqrt(np.mean(np.abs(spectra_y) ** 2)) * 10 ** rng.uniform(-3, -1.5)
-    noise = level * _noise(rng, (averages, sensors, samples), window)[..., used]
-    if notches:
+    noise = level * _noise(rng, (averages, sensors, samples), window, drift_hz=100.0 * one_hit)[..., used]
+    if notches and not (kind == EXPONENTIAL and averages == 1):  # where a tone is a mode that only the window damps
         noise = noise + _hum(rng, (averages, sensors, samples, rate), window, peak)[..., used] * level * 30
+    if notches:
         hole = rng.uniform(50, 950)
         gone = 1 - 0.995 * np.exp(-(((frequency - hole) / rng.uniform(2, 10)) ** 2))
         spectra_x, spectra_y, clean = spectra_x * gone, spectra_y * gone, clean * gone
+    exact_x = spectra_x
+    if kind in (ZEROS, ONE_HIT, PARTLY_DRIVEN):
+        of_force = 10 ** rng.uniform(-4.5, -3.5) * np.abs(spectra_x).max()
+        spectra_x = spectra_x + of_force * _noise(rng, (averages, samples), window)[..., used]
     xx = np.mean(np.abs(spectra_x) ** 2, axis=0)
 
     def over_force(y: Complex) -> Complex:
@@ -161,31 +173,43 @@ def simulate(index: int, seed: int = 1) -> VirtualTest:
     measured = spectra_y + noise
     h1 = over_force(measured)
     coherence = np.abs(h1) ** 2 * xx / np.mean(np.abs(measured) ** 2, axis=0)
+    states = averages > 1 and not (kind == PARTLY_DRIVEN and rng.random() < 0.5)
     frf = FrfSet(
         frequency,
         h1.T[:, :, None],
         tuple(f"{i + 1}:y" for i in range(sensors)),
         ("1:y",),
         "accelerance",
-        np.clip(coherence, 1e-12, 1).T[:, :, None],
-        averages,
+        np.clip(coherence, 1e-12, 1).T[:, :, None] if states else None,
+        averages if states else None,
     )
-    above = _above_noise(modes, clean, spectra_x, h1.T, frequency)
-    return VirtualTest(kind, bool(notches), frf, modes, above, 2 * modes.damping * modes.frequency_hz * samples / rate)
+    above = _above_noise(modes, clean, exact_x, h1.T, frequency)
+    above[modes.frequency_hz > driven_hz] = -np.inf
+    seen = modes.poles - rate_of_window  # the window damps each mode by as much
+    in_frf = Modes(np.abs(seen) / (2 * np.pi), -seen.real / np.abs(seen), modes.shapes)
+    width_in_lines = 2 * in_frf.damping * in_frf.frequency_hz * samples / rate
+    return VirtualTest(kind, bool(notches), frf, in_frf, above, width_in_lines)
 
 
-def _spectra(rng, modes, kind, sizes, window, used):
+def _spectra(rng, modes, kind, sizes, window, used, driven_hz):
     """Spectra of force (blocks, lines), of responses (blocks, DOFs, lines), and of each mode (blocks, modes, lines)."""
     averages, samples, rate = sizes
-    if kind == KINDS[2]:
+    if kind in (HANN, PARTLY_DRIVEN):
         settle = 4 * samples
         force = rng.standard_normal(settle + averages * samples)
+        if kind == PARTLY_DRIVEN:  # 60 dB less above
+            force = force * 1e-3 + sosfiltfilt(butter(8, driven_hz, fs=rate, output="sos"), force)
         modal = _modal_responses(modes, force, 1 / rate)[:, settle:].reshape(-1, averages, samples).swapaxes(0, 1)
         force = force[settle:].reshape(averages, samples)
     else:
+        # half sines, whose spectrum is zero at 1.5, 2.5 … over their length
+        shortest, longest = (1.6e-3, 4e-3) if kind in (ZEROS, ONE_HIT) else (0.4e-3, 0.8e-3)
+        length = rng.uniform(shortest, longest)
         pulses = []
         for _ in range(averages):
-            width = max(int(rng.uniform(0.4e-3, 0.8e-3) * rate), 2)
+            if kind not in (ZEROS, ONE_HIT):
+                length = rng.uniform(shortest, longest)
+            width = max(int(length * rate), 2)
             pulse = np.zeros(samples)
             pulse[10 : 10 + width + 1] = rng.uniform(0.5, 2) * np.sin(np.pi * np.arange(width + 1) / width)
             pulses.append(pulse)
@@ -196,8 +220,12 @@ def _spectra(rng, modes, kind, sizes, window, used):
     return x, np.einsum("brl,ro->bol", per_mode, modes.shapes * modes.shapes[:, :1]), per_mode
 
 
-def _noise(rng, shape, window):
-    return np.fft.rfft(window * rng.standard_normal(shape)) / np.sqrt(shape[-1])
+def _noise(rng, shape, window, drift_hz=0.0):
+    """Spectra of white noise of unit power in each block, plus noise with a power of (drift_hz/f)²."""
+    noise = rng.standard_normal(shape)
+    if drift_hz:
+        noise = noise + 2 * np.pi * drift_hz / 5000.0 * np.cumsum(rng.standard_normal(shape), axis=-1)
+    return np.fft.rfft(window * noise) / np.sqrt(shape[-1])
 
 
 def _hum(rng, sizes, window, peak):

@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+#: Lowest and highest frequency, Hz; None is the end of the lines.
+Band = tuple[float | None, float | None]
 
 Quantity = Literal["receptance", "mobility", "accelerance"]
 #: What the sensor of a time history measures.

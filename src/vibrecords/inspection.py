@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vibrecords.arrays import Array
+from vibrecords.arrays import Array, Band
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.grid import join_frfs
 from vibrecords.modal_doubt import DoubtfulMode
@@ -36,7 +36,6 @@ _KEPT = 3
 _HITS_DRAWN, _SAMPLES_KEPT = 24, 5_000_000
 #: Modes kept of those that a file states.
 _MODES_KEPT = 40
-_Band = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +107,7 @@ class Inspection:
     modes_of: tuple[str, ...] = ()
     modes_note: str = ""
     doubtful: tuple[DoubtfulMode, ...] = ()
-    driven_hz: _Band = (None, None)
+    driven_hz: Band = (None, None)
 
 
 def inspect_file(
@@ -116,7 +115,7 @@ def inspect_file(
     mass_kg: float | None = None,
     *,
     conjugate: bool = False,
-    band_hz: _Band = (None, None),
+    band_hz: Band = (None, None),
     layout: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look through a measurement file and fit the resonances of its FRFs: `contents_of`, and then `with_resonances`.
@@ -139,11 +138,16 @@ def inspect_file(
     MeasurementError
         If the file cannot be read.
     """
-    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate, layout=layout), band_hz)
+    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate, band_hz=band_hz, layout=layout), band_hz)
 
 
 def contents_of(
-    path: Path, mass_kg: float | None = None, *, conjugate: bool = False, layout: Mapping[str, str] | None = None
+    path: Path,
+    mass_kg: float | None = None,
+    *,
+    conjugate: bool = False,
+    band_hz: Band = (None, None),
+    layout: Mapping[str, str] | None = None,
 ) -> Inspection:
     """Look through a measurement file; of a universal file no more than a few records are in memory at once.
 
@@ -155,6 +159,8 @@ def contents_of(
         Mass of the structure if it hangs free, kg, to hold drive points against.
     conjugate
         Whether the complex conjugates of the FRFs are looked at.
+    band_hz
+        Band whose resonances tell whether the FRFs are complex conjugates, Hz.
     layout
         As in `inspect_file`.
 
@@ -167,13 +173,15 @@ def contents_of(
 
     form = detect_format(path)
     records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path, layout))
-    return replace(contents_of_records(records, mass_kg), source=str(path), form=form)
+    return replace(contents_of_records(records, mass_kg, band_hz), source=str(path), form=form)
 
 
 @np.errstate(all="ignore")  # a file may hold any number
-def contents_of_records(records: Iterable[Record], mass_kg: float | None = None) -> Inspection:
+def contents_of_records(
+    records: Iterable[Record], mass_kg: float | None = None, band_hz: Band = (None, None)
+) -> Inspection:
     """As `contents_of`, for records that come one by one."""
-    contents, found = _Contents(WarningCollector(mass_kg)), Inspection()
+    contents, found = _Contents(WarningCollector(mass_kg, band_hz)), Inspection()
     for record in records:
         contents.add(record, found)
     made, note = ([], "") if contents.frfs else _frfs_of_hits(contents)
@@ -191,7 +199,7 @@ def contents_of_records(records: Iterable[Record], mass_kg: float | None = None)
 
 
 @np.errstate(all="ignore")
-def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> Inspection:
+def with_resonances(inspection: Inspection, band_hz: Band = (None, None)) -> Inspection:
     """Return the inspection with the resonances of its FRFs, or why there are none.
 
     Parameters
@@ -229,7 +237,7 @@ def with_resonances(inspection: Inspection, band_hz: _Band = (None, None)) -> In
     return replace(inspection, modes=fit.modes, doubtful=fit.doubtful, modes_note=note)
 
 
-def _driven_hz(members: list[FrfRecord]) -> _Band:
+def _driven_hz(members: list[FrfRecord]) -> Band:
     """Ends of the band that was driven, by the FRF that shows most of it; None where that is the end of the lines."""
     lines = members[0].frequency_hz
     if not lines.size:

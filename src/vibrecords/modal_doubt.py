@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, ComplexArray, Flags
-from vibrecords.modal_problem import ModalProblem
+from vibrecords.modal_problem import ON_LINES, ModalProblem
 
 #: A second pole within a half-power width is a mode of its own only if χ² insists by this many prices of a mode.
 _INSISTED = 3.0
@@ -20,9 +21,16 @@ _TOLD_APART = 1.25
 #: A pole below this fraction of a mode in every FRF, and not further from it than that, is a sideband of it.
 _SIDEBAND, _BESIDE = 10 ** (-65 / 20), 0.25
 #: A mode is damped by so many standard deviations, as a tone is not; and by so many if it is narrower than some lines.
-_DAMPED, _DAMPED_NARROW, _NARROW = 2.0, 4.0, 3.0
+_DAMPED, _DAMPED_NARROW, _NARROW, _DAMPED_COHERENT = 2.0, 4.0, 3.0, 1.0
+#: With noise unknown, what is narrower than so many lines may be a tone or a zero of the force: a ring-down would have
+#: a third of its amplitude left at the end of the block.
+_UNRESOLVED = 0.35
+#: With noise unknown, a mode of few lines is worth so many prices.
+_UNTOLD = 2.0
 #: Damping ratios above this are of a background.
 _MOST_DAMPING = 0.3
+#: A response is coherent with the force if chance would make it as large less often than this.
+_SURE = 0.99
 #: Where only one FRF of several shows a mode, it must do so by this many prices.
 _IN_ONE_FRF = 5.0
 
@@ -55,12 +63,20 @@ class PoleReview:
         Its poles, rad/s, shape (poles,).
     incoherence
         1 - γ², shape (lines, frfs), or None where unknown.
+    squares, averages
+        σ² of each line as coherence and averages tell it, shape (lines, frfs), and the averages; None where unknown.
+    told
+        Whether the variance was stated.
     """
 
     problem: ModalProblem
     poles: ComplexArray
     incoherence: Array | None
+    squares: Array | None = None
+    averages: int | None = None
+    told: bool = False
     doubtful: list[DoubtfulMode] = field(default_factory=list)
+    leaking: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def frequency_hz(self) -> Array:
@@ -82,20 +98,13 @@ class PoleReview:
         steps = np.diff(self.lines_hz)
         return steps[np.clip(np.searchsorted(self.lines_hz, frequency_hz) - 1, 0, steps.size - 1)]
 
-    def local_misfit(self) -> Array:
-        """Mean square of what is left about each pole, over the noise, shape (poles,), at least 1."""
-        square = (np.abs(self.problem.residual(self.poles)) ** 2).mean(axis=1)
-        reach = np.maximum(2 * self.width_hz, 4 * self.line_step_hz(self.frequency_hz))
-        near = np.abs(self.lines_hz - self.frequency_hz[:, None]) <= reach[:, None]
-        return np.maximum(1.0, near @ square / np.maximum(near.sum(axis=1), 1))
-
     def review(self) -> Flags:
         """Merge poles of one resonance, name what is doubtful; which of the poles left are modes."""
         if not self.poles.size:
             return np.zeros(0, dtype=bool)
         nonlinear = self._merge()
-        damping_sd = np.sqrt(np.diag(self.problem.covariance(self.poles))[self.poles.size :])
-        reasons = [self._reason(i, float(sd)) for i, sd in enumerate(damping_sd)]
+        self.leaking = np.array([self._coherence_dips(i) for i in range(self.poles.size)], dtype=bool)
+        reasons = self._reasons()
         self._name_sidebands(reasons)
         for frequency, reason, named in zip(self.frequency_hz, reasons, nonlinear, strict=True):
             if reason and not named:
@@ -111,12 +120,12 @@ class PoleReview:
                 if nonlinear[weak] and nonlinear[strong]:
                     continue
                 fewer, rise = self.problem.without(self.poles, weak)
-                gain = rise / self.local_misfit()[strong]
+                gain = rise / self.problem.inflation(self.poles)[strong]
                 dips, differ = self._coherence_dips(strong), self._shapes_differ(weak, strong)
-                one = dips or self._untold(strong)[weak]
-                if gain > _INSISTED * self.problem.price and (differ or not one):
+                untold = self._untold(strong)[weak]
+                if gain > _INSISTED * self.problem.price and (differ or not (dips or untold)):
                     continue
-                if dips and not self._one_resonance(strong)[weak]:
+                if dips and not (untold or self._one_resonance(strong)[weak]):
                     continue
                 cluster = self._one_resonance(weak) | self._one_resonance(strong)
                 leaks = _LEAKS * (cluster.sum() - 1) * self.line_step_hz(self.frequency_hz[strong])
@@ -152,7 +161,8 @@ class PoleReview:
     def _coherence_dips(self, pole: int) -> bool:
         """Whether the coherence is lower at a resonance than around it; where unknown, whether the fit fails there."""
         if self.incoherence is None:
-            return bool(self.local_misfit()[pole] > 2)
+            at, about = self.problem.noise_about(self.poles)[:2, pole]
+            return bool(at > 2 * max(about, 1.0))
         width = max(self.width_hz[pole], 2 * self.line_step_hz(self.frequency_hz[pole]))
         off = np.abs(self.lines_hz - self.frequency_hz[pole]) / width
         at, sides = self.incoherence[off <= 0.5], self.incoherence[(off > 1) & (off < 4)]
@@ -184,20 +194,51 @@ class PoleReview:
                 other = self.frequency_hz[above[np.argmax(height[:, above].max(axis=0))]]
                 reasons[pole] = f"more than 65 dB below the resonance at {other:.6g} Hz: a sideband"
 
-    def _reason(self, pole: int, damping_sd: float) -> str:
-        """Why a pole of the fit is no mode; empty where it is one."""
-        damping = -self.poles[pole].real / abs(self.poles[pole])
-        if damping > _MOST_DAMPING:
-            return f"a damping of {100 * damping:.0f} %: a background, not a mode"
-        misfit = float(self.local_misfit()[pole])
-        by_line = self.problem.gain_by_line(self.poles, pole)
-        if by_line.sum() - by_line.max() < self.problem.price * misfit:
-            return "stands on one line: a tone or an outlier"
-        narrow = self.width_hz[pole] < _NARROW * self.line_step_hz(self.frequency_hz[pole])
-        if damping < damping_sd * (_DAMPED_NARROW if narrow else _DAMPED):
-            return "its damping hardly differs from zero: a tone or leakage"
-        by_frf = self.problem.losses(self.poles)[:, pole] / misfit
-        least = self.problem.price / by_frf.size
-        if by_frf.size > 1 and (by_frf > least).sum() < 2 and by_frf.max() < _IN_ONE_FRF * self.problem.price:
-            return f"only one of {by_frf.size} FRFs shows it, and hardly"
-        return ""
+    def _reasons(self) -> list[str]:
+        """Why each pole of the fit is no mode; empty where it is one."""
+        problem, price = self.problem, self.problem.price
+        _, about, correlated = problem.noise_about(self.poles)
+        losses = problem.losses(self.poles) / problem.inflation(self.poles)
+        damping, damping_sd = -self.poles.real / np.abs(self.poles), problem.damping_sd(self.poles)
+        widths = self.width_hz / self.line_step_hz(self.frequency_hz)
+        reasons = [""] * self.poles.size
+        for i, width in enumerate(widths):
+            # 1. A background is damped more than any mode.
+            if damping[i] > _MOST_DAMPING:
+                reasons[i] = f"a damping of {100 * damping[i]:.0f} %: a background, not a mode"
+                continue
+            # 2. A mode is worth its price also without the lines that tell most of it, with the noise at the others.
+            #    Where nothing else tells the noise, as at a zero of a hit's force, the data must insist.
+            by_line = np.sort(problem.gain_by_line(self.poles, i))[:-ON_LINES].sum()
+            unknown = self.squares is None and not self.told and width < _NARROW
+            if by_line < price * max(1.0, about[i] * correlated[i]) * (_UNTOLD if unknown else 1.0):
+                reasons[i] = f"stands on {ON_LINES} lines: a tone, an outlier, or a zero of the force"
+                continue
+            # 3. Its response stands out of what is incoherent with the force at its lines.
+            if self._is_incoherent(i):
+                reasons[i] = "hardly coherent with the force: a tone, noise, or a zero of the force"
+                continue
+            # 4. Its damping differs from zero. Without coherence only this tells it from a tone.
+            least = np.inf if width < _UNRESOLVED and not self.told else _DAMPED_NARROW if width < _NARROW else _DAMPED
+            if damping[i] < damping_sd[i] * (least if self.squares is None else _DAMPED_COHERENT):
+                reasons[i] = "its damping hardly differs from zero: a tone or leakage"
+                continue
+            # 5. More than one of several FRFs shows it, or one clearly.
+            by_frf = losses[:, i]
+            if by_frf.size > 1 and (by_frf > price / by_frf.size).sum() < 2 and by_frf.max() < _IN_ONE_FRF * price:
+                reasons[i] = f"only one of {by_frf.size} FRFs shows it, and hardly"
+        return reasons
+
+    def _is_incoherent(self, pole: int) -> bool:
+        """Whether what a pole adds to the FRFs at its lines may be chance, by the scatter over the averages there.
+
+        Both are squares of one normal variate where noise is smooth over the resonance, so that their ratio is of an F
+        distribution, whatever the width.
+        """
+        if self.squares is None or self.averages is None:
+            return False
+        off = np.abs(self.lines_hz - self.frequency_hz[pole])
+        at = off <= max(self.width_hz[pole] / 2, off.min())
+        part, noise = self.problem.part_of(self.poles, pole)[at], self.squares[at] * self.problem.weight[at] ** 2
+        most = scipy.stats.f.ppf(_SURE, 2, 2 * (self.averages - 1))
+        return bool(part.sum() < most * noise.sum())

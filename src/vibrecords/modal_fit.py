@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 import scipy.ndimage
 
-from vibrecords.arrays import Array, ComplexArray, Flags, Indices, Quantity, quantity_factor
+from vibrecords.arrays import Array, Band, ComplexArray, Flags, Indices, Quantity, quantity_factor
 from vibrecords.driven import driven_lines
 from vibrecords.errors import MeasurementError
 from vibrecords.frf_set import FrfSet
@@ -17,8 +17,6 @@ from vibrecords.modal_doubt import DoubtfulMode, PoleReview
 from vibrecords.modal_problem import ModalProblem, polynomial_poles, steady_poles
 from vibrecords.provenance import MeasuredMode
 from vibrecords.variance import RelativeNoise, coherence_variance
-
-_Band = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +173,7 @@ def _finite_numbers() -> Iterator[None]:
         ) from None
 
 
-def _fit_bands(frf: FrfSet, variance: Array | None, band_hz: _Band, max_order: int = 40) -> list["_PoleFit"]:
+def _fit_bands(frf: FrfSet, variance: Array | None, band_hz: Band, max_order: int = 40) -> list["_PoleFit"]:
     """Fits of the driven part of a band, or of each of its sub-bands where it has many lines."""
     lines = np.flatnonzero(_lines_inside(frf, variance, band_hz))
     if variance is None and frf.coherence is not None:
@@ -227,28 +225,35 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
         values, first, stated = values[:, few], first[:, few], None if stated is None else stated[:, few]
     problem = ModalProblem(frequency, values, first, frf.quantity)
     poles = steady_poles(polynomial_poles(frequency, values, problem.weight, order), max(4, order // 5))
+    from_coherence = _noise_squares(frf, inside, few)
     if stated is not None:
         poles = problem.search(poles, further)
     else:
         poles = problem.by_pieces(poles, ModalProblem.climb)
-        from_coherence = _noise_squares(frf, inside, few)
         # the noise is known better the more modes are known: once for the strong ones, once for all
-        for _ in range(2):
+        for all_known in (False, True):
             model = problem.model(poles)
-            square, width = from_coherence or (np.abs(values - model) ** 2, n_lines)
-            problem = ModalProblem(frequency, values, _weight_of_squares(square, model, width), frf.quantity)
+            left = np.abs(values - model) ** 2
+            square, width = from_coherence or (left, n_lines)
+            weight = _weight_of_squares(square, width, model)
+            if all_known:  # where the fit leaves more than that, as where the force is nearly zero, that is the noise
+                level = scipy.ndimage.median_filter(left * weight**2, (_LOCAL, 1), mode="nearest") / np.log(2)
+                weight /= np.sqrt(np.maximum(level, _LEAST_LEVEL if from_coherence is None else 1.0))
+            problem = ModalProblem(frequency, values, weight, frf.quantity)
             poles = problem.search(poles, further)
     poles = problem.climb(poles, fine=True)
     incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
-    review = PoleReview(problem, poles, incoherence)
+    squares = None if from_coherence is None else from_coherence[0]
+    review = PoleReview(problem, poles, incoherence, squares, frf.averages, told=stated is not None)
     is_mode = review.review()
     low, high = frequency[core.start], np.append(frequency, np.nextafter(frequency[-1], np.inf))[core.stop]
     is_mode = is_mode & (review.frequency_hz >= low) & (review.frequency_hz < high)
     doubtful = tuple(doubt for doubt in review.doubtful if low <= doubt.frequency_hz < high)
-    return _PoleFit(problem, review.poles, is_mode, doubtful, all_frfs, core)
+    moved = np.where(review.leaking, _LEAKAGE * (review.line_step_hz(review.frequency_hz) / review.width_hz) ** 2, 0.0)
+    return _PoleFit(problem, review.poles, is_mode, moved, doubtful, all_frfs, core)
 
 
-def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: _Band) -> Flags:
+def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: Band) -> Flags:
     low, high = band_hz
     inside = np.asarray((frf.frequency_hz >= (low or 0.0)) & (frf.frequency_hz <= (high or np.inf)))
     if (n_lines := int(inside.sum())) < _FEWEST_LINES:
@@ -274,6 +279,10 @@ _FURTHER = 24
 _FEWEST_LINES = 16
 #: Noise where nothing is known of it, and the least that a coherence is believed.
 _UNKNOWN, _LEAST = RelativeNoise(0.03, 0.01), RelativeNoise(1e-3, 0.0)
+#: A Hann window makes resonances of w lines wider by about so much over w², and moves them by as much of half a width.
+_LEAKAGE = 0.3
+#: Lines over which the level of what a fit leaves is judged, and its least over the law of magnitude and frequency.
+_LOCAL, _LEAST_LEVEL = 41, 1e-3
 #: What a fit of exact FRFs leaves, relative to these: no noise is less.
 _ROUNDING = 1e-12
 
@@ -298,7 +307,7 @@ def _noise_squares(frf: FrfSet, inside: Indices, few: Indices) -> tuple[Array, i
     return square if few.size == square.shape[1] else square[:, few], 1 + 2 * (20 // (2 * (frf.averages - 1)))
 
 
-def _weight_of_squares(square: Array, model: ComplexArray, width: int) -> Array:
+def _weight_of_squares(square: Array, width: int, model: ComplexArray) -> Array:
     """One over the noise of which each square is a rough estimate of σ².
 
     ln σ² is a parabola in ln|H| plus one in f, as likely as the squares allow; times the mean over `width` lines of
@@ -348,14 +357,16 @@ def _modes_of(fits: list["_PoleFit"]) -> tuple[tuple[MeasuredMode, ...], Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PoleFit:
-    """Poles of least squares, which of them are modes, and values and weights of all FRFs where some were left out.
+    """Poles of least squares and which of them are modes; values and weights of all FRFs where some were left out.
 
-    The core is the lines that the fit answers for: the others are of the next sub-bands.
+    Leakage may have moved each pole by `moved` times its distance from the imaginary axis. The core is the lines that
+    the fit answers for: the others are of the next sub-bands.
     """
 
     problem: ModalProblem
     poles: ComplexArray
     is_mode: Flags
+    moved: Array
     doubtful: tuple[DoubtfulMode, ...]
     all_frfs: tuple[ComplexArray, Array] | None
     core: slice
@@ -383,7 +394,9 @@ class _PoleFit:
         if not numbers.size:
             return (), np.zeros((0, 0))
         unit = np.repeat([1 / (2 * np.pi), 1.0], self.poles.size)
-        covariance = (self.problem.covariance(self.poles) * np.outer(unit, unit))[np.ix_(numbers, numbers)]
+        leakage = np.concatenate([-self.poles.real, -self.poles.real / np.abs(self.poles)]) * np.tile(self.moved, 2)
+        covariance = self.problem.covariance(self.poles) + np.diag(leakage**2)
+        covariance = (covariance * np.outer(unit, unit))[np.ix_(numbers, numbers)]
         poles = self.poles[self.is_mode]
         sd_hz, sd_damping = np.sqrt(np.diag(covariance)).reshape(2, -1).tolist()
         modes = tuple(

@@ -30,12 +30,14 @@ _CLIMBS = 3
 _EDGE = 1.1
 #: A climb ends where χ² falls by less: while searching, in prices of a mode, and at last, relative to χ².
 _ROUGH, _FINE = 0.03, 1e-10
-#: So many lines apart what is left may hang together: a Hann window spreads over two.
-_TOGETHER = 2
 #: Added to squares of rows of unit length, which rounding may leave without an inverse.
 _ROUNDING = 1e-13
 #: Poles of a piece of the band that is searched by itself.
 _IN_A_PIECE = 5
+#: The noise about a pole is judged within so many half-power widths of it, and so many lines at least.
+_REACH_WIDTHS, _REACH_LINES = 4.0, 64
+#: What is not worth its price without so many of its lines is no resonance.
+ON_LINES = 3
 #: Damping ratios to start from where a residual stands out.
 _TRIED_DAMPING = (0.001, 0.003, 0.01, 0.03)
 
@@ -115,7 +117,7 @@ class ModalProblem:
         """Poles, roughly climbed piece by piece: further ones join while they pay their price, idle ones must go."""
         poles = self.by_pieces(poles, lambda piece, some: piece._search_piece(some, order))
         # what two pieces found of one mode is idle
-        return self._drop_idle(poles, self.price / self._misfit(poles))
+        return self._drop_idle(poles)
 
     def by_pieces(
         self, poles: ComplexArray, improved: Callable[["ModalProblem", ComplexArray], ComplexArray]
@@ -165,12 +167,11 @@ class ModalProblem:
         The price is what the Bayesian information criterion asks for the numbers that a mode adds, two for its pole and
         two for each FRF, plus a margin; χ² is taken relative to its mean.
         """
-        price = self.price
-        poles = self._drop_idle(self.climb(poles), price)
+        poles = self._drop_idle(self.climb(poles), even=True)
         for _ in range(order // 2):
-            least = self.chi2(poles) - price * self._misfit(poles)
-            for start in self._further(poles, order, price):
-                more = self._drop_idle(self.climb(start), price)
+            least = self.chi2(poles) - self.price * self._misfit(poles)
+            for start in self._further(poles, order):
+                more = self._drop_idle(self.climb(start), even=True)
                 if self.chi2(more) < least:
                     poles = more
                     break
@@ -183,7 +184,7 @@ class ModalProblem:
         """What one mode more must improve χ² by."""
         return float((2 + 2 * self.values.shape[1]) * np.log(2 * self.values.size) + 10.0)
 
-    def _further(self, poles: ComplexArray, order: int, price: float) -> Iterator[ComplexArray]:
+    def _further(self, poles: ComplexArray, order: int) -> Iterator[ComplexArray]:
         """Starts with one mode more, the most promising first."""
         residual = self.values - self.model(poles)
         square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
@@ -192,7 +193,7 @@ class ModalProblem:
         misfit = self._misfit(poles)
         gain = self.gain(poles, candidates) / misfit
         for i in np.argsort(gain)[::-1][:3]:
-            if gain[i] > price:
+            if gain[i] > self.price:
                 yield np.append(poles, candidates[i])
         for i, pole in enumerate(poles):
             width = -pole.real
@@ -212,16 +213,17 @@ class ModalProblem:
                 break
         return np.concatenate([pole_of(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
-    def _drop_idle(self, poles: ComplexArray, price: float) -> ComplexArray:
+    def _drop_idle(self, poles: ComplexArray, *, even: bool = False) -> ComplexArray:
+        """Poles that are worth their price, the noise about each as it is or, while modes are missing, even."""
         while poles.size:
             frequency = np.abs(poles)
             near = (frequency >= self.omega[0] / _EDGE) & (frequency <= self.omega[-1] * _EDGE)
             if not near.all():
                 poles = self.climb(poles[near])
                 continue
-            loss = self.losses(poles).sum(axis=0)
-            worst = int(np.argmin(loss))
-            if loss[worst] / self._misfit(poles) >= price:
+            support = self.losses(poles).sum(axis=0) / (self._misfit(poles) if even else self.inflation(poles))
+            worst = int(np.argmin(support))
+            if support[worst] >= self.price:
                 break
             poles = self.climb(np.delete(poles, worst))
         return poles
@@ -229,6 +231,47 @@ class ModalProblem:
     def chi2(self, poles: ComplexArray) -> float:
         """χ² of the best residues for these poles."""
         return float(sum(fit.residual @ fit.residual for fit in self._linear(poles)))
+
+    def inflation(self, poles: ComplexArray) -> Array:
+        """By how much more than its stated variance noise counts for each pole, shape (poles,), at least 1."""
+        at, about, correlated = self.noise_about(poles)
+        return np.maximum(1.0, np.maximum(at, about) * correlated)
+
+    def noise_about(self, poles: ComplexArray) -> Array:
+        """Powers of what is left at and about each pole, over the noise, and by how much correlation multiplies them.
+
+        Shape (3, poles).
+
+        A pole is told by the projection of the FRFs on its response s over the lines. The power at the pole is the mean
+        weighted by |s|². About it, it is that mean without the lines that tell most, or the median if it is larger. A
+        band where the force is nearly zero has more than the stated power. Noise that decays over the block as
+        exp(−2at), as behind an exponential window, has a correlation of 1/(1 + jΔω/2a) over one line. It counts by the
+        mean of its power over the block, weighted by the energy exp(−2σt) of the pole's ring-down.
+        """
+        residual, step, noise = self.residual(poles), np.gradient(self.omega), np.ones((3, poles.size))
+        square, tiny = np.abs(residual) ** 2, np.finfo(float).tiny
+        for i, pole in enumerate(poles):
+            energy = self.part_of(poles, i)
+            rest = np.sort(energy.sum(axis=1))[-ON_LINES - 1] >= energy.sum(axis=1)
+            noise[:2, i] = [np.average(square[some], weights=energy[some] + tiny) for some in (slice(None), rest)]
+            at = np.clip(abs(pole), self.omega[0], self.omega[-1])
+            line_step = step[np.searchsorted(self.omega, at)]
+            near = np.abs(self.omega - at) <= max(-_REACH_WIDTHS * 2 * pole.real, _REACH_LINES * line_step)
+            share, r, p = energy.sum(axis=0) / (energy.sum() + tiny), residual[near], square[near]
+            noise[1, i] = max(noise[1, i], share @ np.median(p, axis=0) / np.log(2))
+            together = (r[1:] * r[:-1].conj()).real.sum(axis=0) / (p.sum(axis=0) + tiny)
+            correlation = share @ together
+            correlation = np.clip(correlation - (1 - correlation**2) / np.sqrt(p.size), 1e-6, 1 - 1e-6)
+            decays = 2 * np.pi * np.array([(1 / correlation - 1) ** -0.5, -2 * pole.real / line_step])
+            fallen = -np.expm1(-np.append(decays, decays.sum())) / np.append(decays, decays.sum())
+            noise[2, i] = fallen[2] / (fallen[0] * fallen[1])
+        return noise
+
+    def part_of(self, poles: ComplexArray, pole: int) -> Array:
+        """Square of what one of the poles adds to the FRFs, over the noise, shape (lines, frfs)."""
+        pair = [pole, pole + poles.size]
+        parts = [(fit.amplitudes[pair] @ fit.rows[pair]).view(complex) for fit in self._linear(poles)]
+        return np.abs(np.column_stack(parts)) ** 2 / 2
 
     def _misfit(self, poles: ComplexArray) -> float:
         return max(1.0, self.chi2(poles) / self.freedom(poles.size))
@@ -362,23 +405,19 @@ class ModalProblem:
     def covariance(self, poles: ComplexArray) -> Array:
         """Covariance of (ω₁ … ω_n, ζ₁ … ζ_n) of poles of least squares, shape (2n, 2n).
 
-        The inverse of JᵀJ, widened where what is left at the lines that tell of a number is larger than the noise, or
-        hangs together over neighbouring lines or FRFs.
+        The inverse of JᵀJ, widened by the `inflation` of each pole.
         """
-        square, by_line = np.zeros((2 * poles.size, 2 * poles.size)), np.zeros((2 * poles.size, self.omega.size))
-        for rest, (by_pole, on_rest, on_rows, fit) in zip(self.rest, self._slopes(poles), strict=True):
-            shares = on_rows @ fit.inverse
-            jacobian = (on_rest - shares @ fit.on_rest) @ rest + shares @ fit.rows - by_pole
-            square += jacobian @ jacobian.T
-            by_line += (jacobian * fit.residual).reshape(len(jacobian), -1, 2).sum(axis=2)
+        square = np.zeros((2 * poles.size, 2 * poles.size))
+        for by_pole, on_rest, on_rows, fit in self._slopes(poles):
+            square += by_pole @ by_pole.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
         scale = np.sqrt(np.diag(square))
         inverse = np.linalg.pinv(square / np.outer(scale, scale), rcond=1e-14, hermitian=True)
-        by_line = inverse @ (by_line / scale[:, None])
-        spread = np.sum(by_line**2, axis=1)
-        for shift in range(1, _TOGETHER + 1):
-            spread = spread + 2 * np.sum(by_line[:, shift:] * by_line[:, :-shift], axis=1)
-        widening = np.sqrt(np.maximum(spread / np.diag(inverse), self._misfit(poles))) / scale
+        widening = np.tile(np.sqrt(self.inflation(poles)), 2) / scale
         return np.asarray(inverse * np.outer(widening, widening))
+
+    def damping_sd(self, poles: ComplexArray) -> Array:
+        """Standard deviations of the damping ratios, shape (poles,)."""
+        return np.sqrt(np.diag(self.covariance(poles))[poles.size :])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

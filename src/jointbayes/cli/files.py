@@ -100,12 +100,13 @@ def inspect_command(
         require_free(figure, "--figure")
     if band and not band[0] < band[1]:
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
-    inspection = contents_of(file, mass, conjugate=conjugate, layout=layout)
+    band_hz = band or (None, None)
+    inspection = contents_of(file, mass, conjugate=conjugate, band_hz=band_hz, layout=layout)
     for line in contents_text(inspection):
         say(line)
     if inspection.frfs:
         show_stage(Progress("fitting resonances", f"{inspection.frfs[0].frequency_hz.size} lines"))
-    inspection = with_resonances(inspection, band or (None, None))
+    inspection = with_resonances(inspection, band_hz)
     for line in resonances_text(inspection):
         say(line)
     manner().result |= {"file": inspection.source, "format": inspection.form, "records": dict(inspection.kinds)}

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray, Quantity, quantity_factor, stretch_about
+from vibrecords.arrays import Array, Band, ComplexArray, Quantity, quantity_factor, stretch_about
 from vibrecords.driven import driven_lines
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
@@ -25,13 +25,15 @@ class Resonance:
     """A peak of an FRF: its frequency, cosine of the phase of mobility there, and lines above half its power.
 
     `turn` is −1 where the phase clearly falls through it, 1 where it rises, and between where lines are too coarse;
-    `centre_hz` is the mean of the lines above half power, weighted with the power.
+    `height` is the magnitude of the mobility. `centre_hz` is the mean of the lines above half power, weighted with the
+    power.
     """
 
     frequency_hz: float
     cosine: float
     lines: int
     turn: float
+    height: float
     centre_hz: float
 
 
@@ -127,18 +129,22 @@ class ClearFrf:
             if abs(steps.sum()) < _QUARTER or (magnitude[across] < _CLEAR * self.noise[across]).any():
                 turn = 0.0
             centre = float(np.average(self.frequency_hz[first:last], weights=magnitude[first:last] ** 2))
-            resonances.append(Resonance(float(self.frequency_hz[top]), cosine, int(last - first), turn, centre))
+            peak = float(self.frequency_hz[top]), cosine, int(last - first), turn, float(magnitude[top]), centre
+            resonances.append(Resonance(*peak))
         return tuple(resonances)
 
-    @property
-    def turns(self) -> Array:
-        """How clearly the phase falls and rises through resonances, summed over these: shape (2,).
+    def turns(self, band_hz: Band = (None, None)) -> Array:
+        """Return how clearly the phase falls, and rises, through the resonances of a band, shape (2,).
 
+        Each resonance counts by its height over the highest, so that bumps of the noise decide nothing next to a mode.
         With the time factor exp(+iωt) the phase of each residue over (iω − λ) falls by π at its resonance, because a
         passive structure has Re λ < 0. That holds for receptance, mobility and accelerance, for drive points and
         others, and whatever the sign; with exp(−iωt) it rises.
         """
-        turns = np.array([peak.turn for peak in self.resonances])
+        low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
+        peaks = [peak for peak in self.resonances if low <= peak.frequency_hz <= high]
+        highest = max((peak.height for peak in peaks), default=1.0)
+        turns = np.array([peak.turn * peak.height / highest for peak in peaks])
         return np.array([-turns[turns < 0].sum(), turns[turns > 0].sum()])
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import Array, Band, ComplexArray
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import FrfRecord, Record, TimeRecord, measurable
 from vibrecords.signals.hits import hits_of, is_cut_off
@@ -140,10 +140,12 @@ class WarningCollector:
     ----------
     mass_kg
         As in `find_warnings`.
+    band_hz
+        Band whose resonances tell whether FRFs are complex conjugates, Hz.
     """
 
-    def __init__(self, mass_kg: float | None = None) -> None:
-        self._mass_kg = mass_kg
+    def __init__(self, mass_kg: float | None = None, band_hz: Band = (None, None)) -> None:
+        self._mass_kg, self._band_hz = mass_kg, band_hz
         self._raw: dict[tuple[str, str], list[MeasurementWarning]] = {}
         self._counts = Counter[tuple[str, str]]()
         self._sketches: dict[tuple[str, str], list[Sketch]] = {}
@@ -168,8 +170,9 @@ class WarningCollector:
             self._tell(where, record, None, turned=False)
         else:
             clear = whole.driven(record)
-            self._turns += clear.turns
-            turned = are_conjugates(clear.turns, _ALONE)
+            turns = clear.turns(self._band_hz)
+            self._turns += turns
+            turned = are_conjugates(turns, _ALONE)
             if turned is None and len(self._waiting) < _WAITING:  # for the others to tell
                 self._waiting.append((where, record, clear))
             else:
