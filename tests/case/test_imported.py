@@ -107,6 +107,12 @@ def test_a_free_model_runs_without_coordinates_and_with_a_generalised_one(home, 
     assert (moved**2).sum() == pytest.approx(1 / (5 * scale), rel=1e-9)  # of 5 kg
 
 
+def test_a_grid_may_have_a_number_of_eight_or_nine_digits(home):
+    np.savez(home / "rod.npz", **ROD | {"dofs": [(20110010, 1), (99999999, 1), (999999999, 1)]})
+    (home / "case.toml").write_text(ROD_CASE.replace("1:x", "20110010:x"))
+    assert jb.load_case(home / "case.toml").problem.test.structure.labels == ("20110010:x",)
+
+
 def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):
     posterior = jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS)
     posterior.save(tmp_path / "posterior.nc")

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import io, linalg, sparse
+from scipy.spatial.transform import Rotation
 
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
@@ -78,6 +79,22 @@ def abaqus(folder, k, m):
     return folder / "job_STIF1.mtx", {}
 
 
+def substructure(folder, k, m):
+    """As Abaqus writes it: nodes in comments, DOFs once for all, four numbers a line, a triangle row by row."""
+    nodes = ", ".join(f"{node:10d}" for node in NODES[:3]) + ", \n** " + ", ".join(f"{node:10d}" for node in NODES[3:])
+    text = (
+        f"**\n** GENERATION OF SUBSTRUCTURE Z1\n*USER ELEMENT, NODES=         5, LINEAR\n** ELEMENT NODES\n** {nodes}\n"
+    )
+    text += "** NODE NUMBERS WHICH ARE NOT POSITIVE INDICATE Abaqus INTERNAL NODES.\n  1,  2,  3,  4,  5,  6\n"
+    for name, matrix in (("STIFFNESS", k), ("MASS", m)):
+        text += f"*MATRIX,TYPE={name}\n"
+        for row in range(len(matrix)):
+            words = [f"{value: .16E}" for value in matrix[row, : row + 1]]
+            text += "".join("    , ".join(words[at : at + 4]) + "    ,\n" for at in range(0, len(words), 4))
+    (folder / "substructure.mtx").write_text(text)
+    return folder / "substructure.mtx", {}
+
+
 def op4(form, binary):
     def written(folder, k, m):
         writer = pytest.importorskip("pyyeti.nastran.op4", reason="pyyeti, which writes OP4, is not installed")
@@ -111,7 +128,9 @@ WRITERS = {
     **{f"OP4, {form}, {how}": op4(form, how == "binary")
        for form in ("dense", "bigmat", "nonbigmat") for how in ("binary", "ascii")},
     "DMIG": lambda folder, k, m: (write_punch(folder / "a.pch", KAAX=k, MAAX=m), {}),
+    "DMIG of superelement 10": lambda folder, k, m: (write_punch(folder / "a.pch", K10=k, M10=m), {}),
     "Abaqus": abaqus,
+    "a substructure of Abaqus": substructure,
     "rows and columns of Abaqus with a map": two_files(rows_and_columns, MTX, small.write_map),
 }  # fmt: skip
 
@@ -178,6 +197,52 @@ def test_nastran_dmig_whose_matrices_have_lists_of_their_own(tmp_path):
     np.testing.assert_array_equal(model.mass.toarray(), light)
     np.testing.assert_allclose(model.places, PLACES)
     assert model.notes == ("DMIG TUGX is not used", "K holds 1 of 5 nodes to ground: node 3")
+
+
+def test_modes_of_a_substructure_of_abaqus_are_generalised_coordinates(tmp_path):
+    """The last node has DOF 2 alone, and two internal nodes follow with one DOF each."""
+    (tmp_path / "s.mtx").write_text(
+        "** \n*USER ELEMENT, NODES=   4, LINEAR\n** ELEMENT NODES\n**  7,  9, -1, -2\n 1, 2\n 2, 2\n 3, 1\n"
+        "*MATRIX,TYPE=STIFFNESS\n 1.0 ,\n 0. , 2.0\n 0. , -2.0 , 2.0\n 0. , 0. , 0. , 30.0\n 0. , 0. , 0. , 0.\n 40.0\n"
+        "*MATRIX,TYPE=MASS\n 1.0 ,\n 0. , 2.0\n 0. , 0. , 2.0\n 0. , 0. , 0. , 1.0\n 0. , 0.5 , 0. , 0.\n 1.0\n"
+    )
+    model = jb.read_structure(tmp_path / "s.mtx", length_unit="m")
+    assert model.dofs.tolist() == [[7, 1], [7, 2], [9, 2], [-1, 0], [-2, 0]]
+    assert model.stiffness.diagonal().tolist() == [1, 2, 2, 30, 40]
+    assert model.mass[1, 4] == model.mass[4, 1] == 0.5
+    text = (tmp_path / "s.mtx").read_text()
+    for old, new, words in (
+        (" 40.0\n", " 40.0, 1.0\n", "16 numbers of STIFFNESS for 5 DOFs; expected 15, one triangle"),
+        ("** ELEMENT NODES", "** NODES", "no nodes or no DOFs"),
+        ("30.0", "3o.0", "line 12: found '0. , 0. , 0. , 3o.0'"),
+    ):
+        (tmp_path / "s.mtx").write_text(text.replace(old, new, 1))
+        with pytest.raises(jb.ModelError, match=rf"s\.mtx.*{words}"):
+            jb.read_structure(tmp_path / "s.mtx", length_unit="m")
+
+
+def test_nodes_of_ansys_whose_systems_are_turned(tmp_path):
+    """THXY, THYZ and THZX turn about z, then about the new x, then about the new y. Zeros at the end are left out."""
+    angles = {11: (30.0, 0.0, 0.0), 41: (20.0, -35.0, 50.0)}
+    own = np.eye(len(DOFS))
+    for node, turned in angles.items():
+        for first in (1, 4):
+            rows = [i for i, (n, w) in enumerate(DOFS) if n == node and first <= w < first + 3]
+            own[np.ix_(rows, rows)] = Rotation.from_euler("ZXY", turned, degrees=True).as_matrix()
+    k, m = (small.write_matrix_market(tmp_path / f"{i}.mmf", own.T @ a @ own) for i, a in (("k", K), ("m", M)))
+    lines = ["/PREP7", "NBLOCK,6,SOLID,       41,        5", "(3i9,6e21.13e3)"]
+    for node, place in zip(NODES, PLACES, strict=True):
+        row = f"{node:9d}{0:9d}{0:9d}" + "".join(f"{x:21.13E}" for x in (*place, *angles.get(node, ())))
+        lines.append(row.removesuffix(f"{0.0:21.13E}" * 2))
+    lines += ["N,R5.3,LOC,       -1,", "EBLOCK,19,SOLID,        1", "        1        1"]
+    cdb = tmp_path / "a.cdb"
+    cdb.write_text("\n".join(lines) + "\n")
+    dofs = small.write_mapping(tmp_path / "k.mapping")
+    more = {"mass": m, "dofs": dofs, "nodes": cdb, "length_unit": "m"}
+    small.require_same(jb.read_structure(k, **more), rtol=1e-8)
+    cdb.write_text(cdb.read_text().replace("(3i9,6e21.13e3)", "(free)"))
+    with pytest.raises(jb.ModelError, match=r"a\.cdb, line 2: found no format such as \(3i9,6e21.13e3\) below it"):
+        jb.read_structure(k, **more)
 
 
 def test_calculix_files_found_beside_each_other(tmp_path, unit):

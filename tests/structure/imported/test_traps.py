@@ -96,7 +96,7 @@ def test_grids_of_a_superelement_hold_some_directions_only_and_no_cylindrical_ou
     assert model.n_dofs == 29
     assert model.place(411) / 0.0254 == pytest.approx([0, -61.25, 19.5])
     path = superelement(tmp_path, "outboard", lambda _, content: content.replace(b"CORD2R", b"CORD2C"))
-    refused(path, "output system 10 at grid 11, not rectangular")
+    refused(path, "output system 10 at grid 11, not rectangular; expected the basic system")
 
 
 def test_pyyeti_missing_is_one_line(tmp_path, monkeypatch):

@@ -307,12 +307,12 @@ def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step
 
 
 #: A number from 1, or a word; of one body among several with the body's name before it.
-POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59})"
+POINT_LABEL = r"(?:[A-Za-z][A-Za-z0-9_-]{0,59}\.)?(?:[1-9][0-9]{0,8}|[A-Za-z][A-Za-z0-9_-]{0,59})"
 
 
 def _label(text: str) -> str:
     if not re.fullmatch(POINT_LABEL + ":(x|y|z|rx|ry|rz)", text):
-        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,6})\W*(r|rot|theta|phi)?_?([xyz])\s*", text.lower())
+        guess = re.fullmatch(r"\s*0*([1-9][0-9]{0,8})\W*(r|rot|theta|phi)?_?([xyz])\s*", text.lower())
         remedy = f'did you mean "{guess[1]}:{"r" * bool(guess[2])}{guess[3]}"?' if guess else 'write for example "1:y"'
         expected = "a DOF label node:direction, nodes counted from 1, direction x, y, z, rx, ry or rz"
         raise_findings([Finding((), "", expected, remedy)])

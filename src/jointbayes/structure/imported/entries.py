@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.imported.fe_model import DIRECTIONS, Sparse
+from jointbayes.structure.imported.fe_model import DIRECTIONS
 from vibrecords.arrays import Array, Indices
 
 #: Rows of the largest model: what the reduction could not solve, and what damage makes of a count.
@@ -56,7 +56,7 @@ class Entries:
 class Exported:
     """What a file holds: matrices by their role, ``""`` of one that the file does not tell, and what is beside them.
 
-    `turn` rotates the DOFs from systems of their own into the basic one.
+    `axes` are those of nodes whose DOFs stand in a system of their own: a column for each direction, shape (3, 3).
     """
 
     matrices: Mapping[str, Entries] = field(default_factory=dict)
@@ -64,7 +64,7 @@ class Exported:
     nodes: Indices = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     places: Array = field(default_factory=lambda: np.empty((0, 3)))
     edges: Indices | None = None
-    turn: Sparse | None = None
+    axes: Mapping[int, Array] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 

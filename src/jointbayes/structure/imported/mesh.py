@@ -1,4 +1,4 @@
-"""Where nodes are: a CSV ``node,x,y,z``, ``*NODE`` and ``*ELEMENT`` of Abaqus or CalculiX, GRID cards of Nastran."""
+"""Where nodes are: a CSV ``node,x,y,z``, ``*NODE`` of Abaqus or CalculiX, GRID of Nastran, NBLOCK of Ansys."""
 
 import csv
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.structure.imported.entries import Exported, direction_of, fault
-from vibrecords.arrays import Indices
+from vibrecords.arrays import Array, Indices
 
 _NODE = re.compile(r"[0-9]{1,15}")
 #: Elements of Abaqus and CalculiX by their names, with the count of their nodes behind the last letter.
@@ -32,18 +32,15 @@ def read_nodes(path: Path) -> Exported:
     """
     with path.open(encoding="latin-1") as lines:
         marks = (line[:5].upper() for line in lines)
-        kind = next((mark for mark in marks if mark in ("*NODE", "GRID ", "GRID*", "GRID,")), "")
+        kind = next((mark for mark in marks if mark in ("*NODE", "GRID ", "GRID*", "GRID,", "NBLOC")), "")
+    if kind == "NBLOC":
+        return _of_block(path)
     read = _of_cards if kind.startswith("GRID") else _of_keywords if kind else _of_table
     try:
         nodes, places, *edges = read(path)
     except csv.Error as error:
         raise fault(path, f"a table that cannot be read ({error})", "node,x,y,z", "correct it") from None
-    if not nodes:
-        raise fault(path, "no node", "node,x,y,z", "give the file that has the coordinates")
-    numbers, counts = np.unique(nodes, return_counts=True)
-    if counts.max() > 1:
-        remedy = "give the flat input file, not parts with instances"
-        raise fault(path, f"node {numbers[counts.argmax()]} {counts.max()} times", "each node once", remedy)
+    _require_once(path, nodes)
     return Exported(nodes=np.array(nodes, dtype=np.intp), places=np.array(places), edges=edges[0] if edges else None)
 
 
@@ -112,6 +109,51 @@ def _of_cards(path: Path) -> tuple[list[int], list[list[float]]]:
             words = (word.upper().replace("D", "E") for word in place)  # 1.5-3 is 1.5E-3
             places.append([_number(re.sub(r"(?<=[\d.])E?([+-])", r"E\1", word), where) for word in words])
     return nodes, places
+
+
+def _of_block(path: Path) -> Exported:
+    """Of NBLOCK of a ``.cdb``: nodes, places, and the axes of nodes that are turned by THXY, THYZ and THZX."""
+    nodes, numbers, form = [], [], None
+    with path.open(encoding="latin-1") as lines:
+        for number, line in enumerate(lines, 1):
+            where = f"{path}, line {number}"
+            if line[:6].upper() == "NBLOCK":
+                form = re.fullmatch(r"\((\d)i(\d+),\d[eg](\d+)\.\d+(?:e\d)?\)", next(lines, "").strip().lower())
+                if form is None:
+                    raise fault(where, "no format such as (3i9,6e21.13e3) below it", "one", "write it with CDWRITE")
+            elif form is not None and re.match(r"\s*(N,|-1\b)", line):
+                form = None
+            elif form is not None:
+                count, narrow, wide = map(int, form.groups())
+                start = count * narrow
+                words = [
+                    line[:narrow].strip(),
+                    *(line[at : at + wide].strip() for at in range(start, start + 6 * wide, wide)),
+                ]
+                if not _NODE.fullmatch(words[0]):
+                    raise fault(where, repr(line.strip()[:40]), "a node and its place", "write it with CDWRITE")
+                nodes.append(int(words[0]))
+                numbers.append([_number(word, where) for word in words[1:]])
+    _require_once(path, nodes)
+    table = np.array(numbers)
+    turned = {node: _turned(*np.deg2rad(row[3:])) for node, row in zip(nodes, table, strict=True) if row[3:].any()}
+    return Exported(nodes=np.array(nodes, dtype=np.intp), places=table[:, :3], axes=turned)
+
+
+def _turned(about_z: float, about_x: float, about_y: float) -> Array:
+    """Return the axes of a node of Ansys that is turned about z, then about its new x, then about its new y."""
+    (cz, cx, cy), (sz, sx, sy) = (wave([about_z, about_x, about_y]) for wave in (np.cos, np.sin))
+    z, x = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]), np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    return np.asarray(z @ x @ np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]))
+
+
+def _require_once(path: Path, nodes: list[int]) -> None:
+    if not nodes:
+        raise fault(path, "no node", "node,x,y,z", "give the file that has the coordinates")
+    numbers, counts = np.unique(nodes, return_counts=True)
+    if counts.max() > 1:
+        remedy = "give the flat input file, not parts with instances"
+        raise fault(path, f"node {numbers[counts.argmax()]} {counts.max()} times", "each node once", remedy)
 
 
 def _fields(line: str, width: int) -> list[str]:

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from scipy import sparse
 
 from jointbayes.structure.imported.entries import Entries, Exported, fault, indices, role_of
 
@@ -75,24 +74,18 @@ def read_assembly(path: Path) -> Exported:
         rows = dict(zip(whole.index.tolist(), whole[["x", "y", "z"]].to_numpy(), strict=True))
     grids = np.array([node for node, way in rows if way == 1], dtype=np.intp)
     places = np.array([rows[node, 1] for node in grids.tolist()]).reshape(-1, 3)
-    row_of = {(node, way): row for row, (node, way) in enumerate(dofs.tolist())}
-    turned = sparse.eye_array(len(dofs), format="lil")
-    for node in grids.tolist():
-        axes = np.array([rows[node, way] for way in (4, 5, 6)])
-        system, kind, _ = rows[node, 2]
-        for ways in ((1, 2, 3), (4, 5, 6)) if not np.array_equal(axes, np.eye(3)) else ():
-            at = [row_of[node, way] for way in ways if (node, way) in row_of]
-            if at and (kind != 1 or len(at) < 3):
-                found = f"the output system {system:g} at grid {node}, not rectangular or not for all three directions"
-                raise fault(path, found, "the basic system", "leave field CD of its GRID empty")
-            for i, row in enumerate(at):
-                for j, column in enumerate(at):
-                    turned[row, column] = axes[i, j]
-    return Exported(dofs=dofs, nodes=grids, places=places, turn=turned.tocsc())
+    axes = {}
+    for node in np.intersect1d(grids, dofs[:, 0]).tolist():
+        own, (system, kind, _) = np.array([rows[node, way] for way in (4, 5, 6)]), rows[node, 2]
+        if kind != 1 and not np.array_equal(own, np.eye(3)):
+            found = f"the output system {system:g} at grid {node}, not rectangular"
+            raise fault(path, found, "the basic system", "leave field CD of its GRID empty")
+        axes[node] = own
+    return Exported(dofs=dofs, nodes=grids, places=places, axes=axes)
 
 
 def read_dmig(path: Path) -> Exported:
-    """K, M and viscous C of DMIG cards in large fields, each with its own list of DOFs, by names such as ``KAAX``.
+    """K, M and viscous C of DMIG cards in large fields, each with its own list of DOFs, such as ``KAAX`` or ``K10``.
 
     All other cards are passed over, also those that pyyeti stumbles on (DTI).
 
@@ -129,7 +122,7 @@ def read_dmig(path: Path) -> Exported:
                 raise fault(f"{path}, line {number}", what, "a whole card DMIG*", "copy or export it again") from None
     matrices = {}
     for name, (ends, values) in numbers.items():
-        role = role_of(name)
+        role = role_of(name.rstrip("0123456789"))  # K10 and M10 of superelement 10
         form, kind = kinds.get(name, (6, 2))
         if role is None or form not in (1, 6):
             others.append(name)

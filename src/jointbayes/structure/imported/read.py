@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.errors import ModelError, require
-from jointbayes.structure.imported.abaqus import read_abaqus
+from jointbayes.structure.imported.abaqus import read_abaqus, read_substructure
 from jointbayes.structure.imported.ansys import read_harwell_boeing, read_mapping
 from jointbayes.structure.imported.axes import require_own_axes
 from jointbayes.structure.imported.calculix import read_calculix, read_dof_file
@@ -62,14 +62,14 @@ def read_structure(
     ----------
     path
         Stiffness, or all matrices: npz, MATLAB, HDF5, Matrix Market, OP4 or DMIG punch of Nastran, ``*MATRIX OUTPUT``
-        of Abaqus, ``.sti`` of CalculiX, Harwell-Boeing or Matrix Market of Ansys.
+        or ``*SUBSTRUCTURE MATRIX OUTPUT`` of Abaqus, ``.sti`` of CalculiX, Harwell-Boeing or Matrix Market of Ansys.
     mass, damping
         Mass and viscous damping where they are files of their own.
     dofs
         Node and direction of each row, where the matrices have none: CSV ``node,direction``, or a ``.dof``, ``.asm``
         or ``.mapping``.
     nodes
-        Where nodes are: CSV ``node,x,y,z``, an ``.inp`` or GRID cards.
+        Where nodes are: CSV ``node,x,y,z``, an ``.inp``, GRID cards, or a ``.cdb`` with NBLOCK.
     length_unit
         ``"m"`` for models in m, kg, N, s; ``"mm"`` in mm, t, N, s; ``"in"`` in inch, lbf, s; ``"ft"`` in foot, lbf, s.
 
@@ -107,8 +107,6 @@ def read_structure(
     given_map = dofs or (_beside(main, "dofs") if exported.dofs is None else None)
     mapped = exported if given_map is None else _read(Path(given_map), _map)
     whole, rows = _whole_matrices(sources, matrices, mapped.dofs, given_map)
-    if mapped.turn is not None:
-        whole = {role: mapped.turn @ matrix @ mapped.turn.T for role, matrix in whole.items()}
     places = mapped if len(mapped.nodes) else exported
     if nodes is not None:
         places = _read(Path(nodes), read_nodes)
@@ -117,6 +115,7 @@ def read_structure(
             places = _read(mesh, read_nodes)
         except ModelError as error:
             places = replace(places, notes=(f"no coordinates: {error}",))
+    whole = _in_basic_system(whole, rows, {**mapped.axes, **places.axes}, nodes or given_map or main)
     return _model(main, whole, rows, replace(places, notes=(*exported.notes, *places.notes)), length_unit)
 
 
@@ -150,9 +149,29 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
         notes=tuple(notes),
         rounding=rounding,
     )
-    further = require_own_axes(model)
-    _require_sane_units(model, unit)
+    with np.errstate(all="ignore"):  # of damaged numbers
+        further = require_own_axes(model)
+        _require_sane_units(model, unit)
     return replace(model, notes=(*model.notes, *further))
+
+
+def _in_basic_system(
+    whole: dict[str, Sparse], rows: Indices, axes: Mapping[int, Array], where: PathLike
+) -> dict[str, Sparse]:
+    """Turn the DOFs of nodes that stand in systems of their own."""
+    turned = {node: own for node, own in axes.items() if not np.array_equal(own, np.eye(3))}
+    row_of = {(node, way): row for row, (node, way) in enumerate(rows.tolist())} if turned else {}
+    turn: Sparse = sparse.eye_array(len(rows), format="lil")
+    for node, own in turned.items():
+        for first in (1, 4):
+            at = [row_of[node, way] for way in range(first, first + 3) if (node, way) in row_of]
+            if at and len(at) < 3:
+                found = f"a system of its own at node {node}, which has not all three directions"
+                raise fault(where, found, "the basic system", "export these nodes in it")
+            if at:
+                turn[np.ix_(at, at)] = own
+    turn = turn.tocsc()
+    return {role: turn @ matrix @ turn.T for role, matrix in whole.items()} if turned else whole
 
 
 def _rounding(values: Array) -> float:
@@ -172,10 +191,10 @@ def _require_sane_units(model: FeModel, unit: str) -> None:
     if box is None or not max(box):
         return
     solid = set(model.dofs[:, 1].tolist()) == {1, 2, 3} and min(box) > 1e-3 * max(box)
-    volume = math.prod(box) if solid else max(box) ** 3
+    density = float(np.divide(model.whole_mass, math.prod(box if solid else 3 * [max(box)])))
     bounds = (_SPARSEST_SOLID if solid else _SPARSEST), _DENSEST
     numbers = {other: energy / length**5 for other, (length, energy) in _UNITS.items()}
-    densities = {other: model.whole_mass / volume * size / numbers[unit] for other, size in numbers.items()}
+    densities = {other: density * size / numbers[unit] for other, size in numbers.items()}
     if bounds[0] <= densities[unit] <= bounds[1]:
         return
     named: list[str] = []
@@ -297,6 +316,8 @@ def _matrices(path: Path) -> Exported:
         return read_dmig(path)
     if text and len(lines) > 3 and re.match(r"[RCP][SUHZR][AE] ", lines[2].upper()):
         return read_harwell_boeing(path)
+    if text and re.search(rb"(?im)^\*USER ELEMENT", head):
+        return read_substructure(path)
     if text and suffix in (".sti", ".mas"):
         return read_calculix(path)
     if text and re.match(rb"(\s*\*\*.*\n)*\s*-?\d+[\s,]+-?\d", head):
