@@ -106,7 +106,6 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m benchmarks.joint_damping
 	$(BIN)/python -m benchmarks.measured_body
 	$(BIN)/python -m benchmarks.files
-	$(BIN)/python -m benchmarks.killed
 	$(BIN)/python -m tests.fuzz posterior --count 10000 --seed 2
 	$(BIN)/python -m tests.fuzz all --together 3600
 	JOINTBAYES_EXAMPLES=5000 $(BIN)/python -m pytest tests/test_public_domain.py

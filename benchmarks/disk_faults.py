@@ -4,7 +4,6 @@ import builtins
 import errno
 import io
 import os
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -97,18 +96,5 @@ def full_from(number: int) -> Answer:
             count += 1
             if count >= number:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    return answer
-
-
-def killed_at(number: int) -> Answer:
-    """SIGKILL just before (even numbers) or just after (odd) a call."""
-    moment = 1
-
-    def answer(_name: str, _after: bool) -> None:
-        nonlocal moment
-        moment += 1
-        if moment == number:
-            os.kill(os.getpid(), signal.SIGKILL)
 
     return answer

@@ -1,9 +1,8 @@
-"""Faults of a disk and of neighbours: links planted at every name that is written, no room at any write, SIGKILL."""
+"""Faults of a disk and of neighbours: links planted at every name that is written, no room at any write."""
 
 import errno
 import os
 import shlex
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -13,7 +12,6 @@ from benchmarks.disk_faults import each_change, full_from
 
 import jointbayes as jb
 from jointbayes import workflow
-from jointbayes.sampling import checkpoint
 from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, first_in_ci
 from vibrecords.files import MARK
 
@@ -36,8 +34,8 @@ def modes_found():
 
 
 @pytest.fixture(autouse=True)
-def _every_block(monkeypatch, plain_reports, modes_found):
-    """A checkpoint after each block; the mode of one problem is searched for once, as nothing is written in between."""
+def _one_search(monkeypatch, plain_reports, modes_found):
+    """The mode of one problem is searched for once, as nothing is written in between."""
     search = workflow.find_map
 
     def found(analysed, **options):
@@ -47,8 +45,6 @@ def _every_block(monkeypatch, plain_reports, modes_found):
         return modes_found[one]
 
     monkeypatch.setattr(workflow, "find_map", found)
-    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN", 0.0)
-    monkeypatch.setattr(checkpoint, "_TIMES_THE_COST", 0)
 
 
 def folder(place, monkeypatch):
@@ -184,18 +180,3 @@ def test_a_disk_that_is_full_from_any_write_on_costs_a_line_and_no_draws(tmp_pat
             draws = Path(shlex.split(line.split("go on with: jointbayes report ")[1])[0].rstrip(";"))
         assert jb.load_posterior(place / draws).theta.tobytes() == expected, number
     assert refused < len(numbers)
-
-
-# ---- killed
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("stride", first_in_ci([7, 1], 1))
-def test_a_run_killed_at_any_write_goes_on_to_the_same_bits(stride):
-    # a process of its own: the runs are forks of it, and this one has threads
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.sampling.killed_writes", str(stride)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    kills, identical = map(int, done.stdout.split())
-    assert kills == identical >= 60 // stride

@@ -50,9 +50,9 @@ def drawn_once(monkeypatch):
     """`run` and `check` of one case draw the same posterior: it is drawn once."""
     kept = {}
 
-    def remembered(case, seed, checkpoint=None, take_as=None):
+    def remembered(case, seed, take_as=None):
         if case.source.text not in kept:
-            kept[case.source.text] = draw(case, seed, checkpoint, take_as)
+            kept[case.source.text] = draw(case, seed, take_as)
         return kept[case.source.text]
 
     monkeypatch.setattr("jointbayes.cli.common.draw", remembered)

@@ -17,7 +17,7 @@ __all__ = [*_HOME_OF]
 _MOVED = {
     name: room
     for room, names in {
-        "jointbayes.errors": "CheckpointError ReportError WorkerError WriteError",
+        "jointbayes.errors": "ReportError WorkerError WriteError",
         "jointbayes.inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
         "jointbayes.joint": "ElasticCentre Joints Rigid",
         "jointbayes.posterior": "Knowledge OtherStructure PredictiveCheck gather_knowledge",

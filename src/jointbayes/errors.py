@@ -38,10 +38,6 @@ class WorkerError(JointBayesError):
     """The processes that tasks are spread over cannot be had, or end one after the other."""
 
 
-class CheckpointError(JointBayesError):
-    """A run cannot go on from where it stopped, or must not be begun there."""
-
-
 class ReportError(JointBayesError):
     """A report failed after its draws were made; the message names the file that holds them."""
 
@@ -165,6 +161,7 @@ WENT = {
     "--out": "leave it out, the command prints its results; keep them with --json",
     "simulate": 'computed data stand in a case as kind = "synthetic_frf"; vibrecords.simulated makes records',
     "virtual_test": "delete the table, nothing is simulated from a case",
+    "--resume": "leave it out, a run takes seconds and begins again",
     "--draws": "leave it out: a campaign keeps all draws of each case",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }

@@ -31,14 +31,13 @@ from jointbayes.posterior.coordinates import coordinate_systems, judged_quantiti
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
 from jointbayes.posterior.knowledge import assumed_beyond
 from jointbayes.posterior.run_record import sampler_figures
-from jointbayes.posterior.storage import draws_tree, estimate_record, parse_estimate, run_fingerprint
+from jointbayes.posterior.storage import draws_tree
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     Chains,
     Proposal,
     SamplerSettings,
-    UnfinishedRun,
     fit_each_mode,
     independent_chains,
     released_draws,
@@ -205,8 +204,6 @@ def sample(
     settings: SamplerSettings | None = None,
     seed: int | None = None,
     progress: ProgressCallback | bool | None = None,
-    checkpoint: str | os.PathLike[str] | UnfinishedRun | None = None,
-    resume: bool = False,
     premises: TakenAs | Mapping[str, object] | None = None,
 ) -> Posterior:
     """Draw from the posterior of what the data are taken as, which is decided before anything is drawn.
@@ -228,11 +225,6 @@ def sample(
     progress
         Called as each stage begins, before each further round of the search for the mode, and after each block of
         steps; True for a bar of tqdm, or lines where that is not installed.
-    checkpoint
-        Directory in which the run is kept while it is made, so that what a killed process has drawn is not lost; by
-        default none. It stays when the run is finished: remove it once the posterior is saved.
-    resume
-        Go on with what is in that directory; the draws are those of a run that was never interrupted, bit for bit.
     premises
         What the answer takes for granted. ``"exact"`` analyses data within their noise and the model as exact, but for
         what the case calls uncertain; a mapping stands in the place of the case's `[uncertain]`, as
@@ -249,9 +241,6 @@ def sample(
         If no starting ball with finite density is found.
     MeasurementError
         If FRFs have one line only.
-    CheckpointError
-        If another process is at work in the directory; if a run is there and `resume` is false; if it is a run of
-        another problem, seed or settings, or of other versions: which.
     """
     tell = callback_of(progress)
     require(settings, SamplerSettings | None, "settings: found", "jb.SamplerSettings(walkers=…), or None; make it")
@@ -264,9 +253,6 @@ def sample(
                 "premises: found a table for a problem, which has none; expected a case; use problem.with_premises(…)"
             )
         case, premises = require_case(case).with_uncertain(premises), None
-    if checkpoint is not None and not isinstance(checkpoint, UnfinishedRun):
-        with UnfinishedRun(checkpoint, resume=resume, progress=tell) as unfinished:
-            return sample(case, settings=settings, seed=seed, progress=tell, checkpoint=unfinished, premises=premises)
     problem, whole = _problem_and_case(case)
     for test in problem.tests:
         test.data.require_enough()
@@ -274,9 +260,7 @@ def sample(
     dimension = len(problem.prior.names)
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
-    if checkpoint is not None:
-        checkpoint.begin(run_fingerprint(problem, whole, seed, settings) | {"premises": premises or ""})
-    estimate = _found_mode(whole or problem, seed, tell, checkpoint)
+    estimate = find_map(whole or problem, seed=seed, progress=tell)
     computed = all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
     if premises != "exact":
         answered = answered_problem(problem, whole, estimate, seed)
@@ -286,13 +270,13 @@ def sample(
             if answered.premises.reason:
                 tell(Progress("premises", answered.premises.decision))
             fallback = settings.for_dimension(len(answered.names))
-            return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell, keeper=checkpoint)
+            return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell)
     elif whole is not None and not ("model" in problem.exact or computed):
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
     run = _Run(problem, whole, seed, settings, estimate)
-    return _by_ensembles(run, run.fitted_proposal(), tell, checkpoint)
+    return _by_ensembles(run, run.fitted_proposal(), tell)
 
 
 @dataclass(frozen=True)
@@ -333,8 +317,8 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
     return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed)
 
 
-def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback, checkpoint: UnfinishedRun | None) -> Posterior:
-    """Draws by ensembles of walkers, which the checkpoint keeps."""
+def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback) -> Posterior:
+    """Draws by ensembles of walkers."""
     problem, log_posterior, prior = run.problem, run.problem.log_posterior, run.problem.prior.log_density
     starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
     start = starting_walkers(starts, prior, run.settings, run.generator(_WALKERS), proposal.shares)
@@ -342,7 +326,7 @@ def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback, checkpo
     start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
     about, _ = proposal.weighted_draws(prior, run.generator(_NODES), _ABOUT)
 
-    def drawn(density: LogPosterior, keeper: UnfinishedRun | None) -> tuple[Chains, Proposal]:
+    def drawn(density: LogPosterior) -> tuple[Chains, Proposal]:
         return run_adapted(
             density,
             start,
@@ -352,38 +336,20 @@ def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback, checkpo
             systems=coordinate_systems(problem),
             proposal=proposal,
             quantities=judged_quantities(problem.prior),
-            keeper=keeper,
         )
 
     density = on_nodes(problem, about)
     tell(Progress("sampling"))
-    chains, last = drawn(density, checkpoint)
+    chains, last = drawn(density)
     if density is not log_posterior:
         chains, efficiency = chains.reweighed(log_posterior, _MOST_DRAWS)
         if efficiency >= _AS_GOOD:
             kept = f"{chains.draws().log_density.size} draws kept, on all lines"
             reason = f"{chains.reason}; likelihood by quadrature on few lines, importance efficiency {efficiency:.6f}"
             chains = replace(chains, reason=f"{reason} of the {kept}")
-        else:  # what the checkpoint keeps is of the other density
-            chains, last = drawn(log_posterior, None)
+        else:
+            chains, last = drawn(log_posterior)
     return _posterior(run, last, chains)
-
-
-def _found_mode(
-    case: Case | Problem, seed: int, tell: ProgressCallback, checkpoint: UnfinishedRun | None
-) -> MapEstimate:
-    """The MAP estimate, from the checkpoint if it is there."""
-    if checkpoint is None:
-        return find_map(case, seed=seed, progress=tell)
-    problem, _ = _problem_and_case(case)
-    if checkpoint.estimate is None:
-        estimate = find_map(case, seed=seed, progress=tell)
-        checkpoint.keep_estimate(estimate_record(estimate))
-        return estimate
-    estimate = parse_estimate(checkpoint.estimate, f"{checkpoint.path}: mode")
-    tell(Progress("checkpoint", f"going on with the run that was interrupted, after {checkpoint.steps} steps"))
-    iteration = identify(case) if part_to_iterate(problem) is not None else None
-    return replace(estimate, iteration=iteration)
 
 
 def _posterior(run: _Run, proposal: Proposal, chains: Chains) -> Posterior:
@@ -422,7 +388,6 @@ def sample_quickly(
     case: Case | None = None,
     settings: SamplerSettings | None = None,
     progress: ProgressCallback | bool | None = None,
-    keeper: UnfinishedRun | None = None,
 ) -> Posterior:
     """Draw by importance where that settles, as of few data with an error of the model; else by walkers.
 
@@ -447,7 +412,7 @@ def sample_quickly(
         budget=settings.budget(d),
     )
     if drawn is None:
-        return _by_ensembles(run, proposal, tell, keeper)
+        return _by_ensembles(run, proposal, tell)
     chains = independent_chains(problem.log_posterior, drawn, time.perf_counter() - began)
     return _posterior(replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), proposal, chains)
 

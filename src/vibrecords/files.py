@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, Literal, Self
 
-from vibrecords.errors import UserError, WriteError
+from vibrecords.errors import WriteError
 
 try:
     import fcntl
@@ -50,33 +50,20 @@ class OwnDirectory:
         The directory; it is made, with those above it, where it is not there.
     kind
         What it holds, for the mark and for messages: ``"a campaign"``.
-    remedy
-        What to do about a directory that is not ours, for messages.
-    error
-        Raised where it is not ours, or another process is at work in it.
     private
         Whether nobody else may look into it.
 
     Raises
     ------
-    UserError
-        On entering, as `error`: if it is a link, a file, somebody else's directory or one of another kind, or if
-        another process is at work in it; as `WriteError`, if it cannot be made or written to, or its lock is no
-        regular file. Nothing has changed then.
+    WriteError
+        On entering: if it is a link, a file, somebody else's directory or one of another kind, if another process is at
+        work in it, if it cannot be made or written to, or if its lock is no regular file. Nothing has changed then.
     """
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        kind: str,
-        remedy: str = "choose another --out",
-        *,
-        error: type[UserError] = WriteError,
-        private: bool = False,
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], kind: str, *, private: bool = False) -> None:
         self.path, self._mark = Path(path), f"jointbayes: {kind}\n".encode()
-        self._expected = f"expected a new directory, or one of {kind}; {remedy}"
-        self._error, self._mode = error, 0o700 if private else 0o777
+        self._expected = f"expected a new directory, or one of {kind}; choose another --out"
+        self._mode = 0o700 if private else 0o777
         self._lock: BinaryIO | None = None
 
     def __enter__(self) -> Self:
@@ -85,8 +72,8 @@ class OwnDirectory:
                 return self
             holder = _read(self.path / LOCK).decode(errors="replace").strip()
         except OSError as error:
-            raise self._refusal(f"that it cannot be written ({error.strerror})", WriteError) from error
-        raise self._error(
+            raise self._refusal(f"that it cannot be written ({error.strerror})") from error
+        raise WriteError(
             f"{self.path}: found another process at work in it ({holder or 'unknown'}); expected one at a time; wait "
             "for it, or choose another place"
         )
@@ -110,12 +97,9 @@ class OwnDirectory:
             self._lock.close()
             self._lock = None
 
-    def dissolve(self, *names: str) -> None:
-        """Remove files of these names, and the directory if nothing else is in it."""
+    def dissolve(self) -> None:
+        """Remove the directory if nothing else is in it."""
         if self._lock is not None:  # else it may be another process's by now
-            for name in names:
-                with suppress(OSError):
-                    os.unlink(self.path / name)
             if set(os.listdir(self.path)) <= {MARK, LOCK}:
                 (self.path / MARK).unlink(missing_ok=True)
             self.leave()
@@ -157,8 +141,8 @@ class OwnDirectory:
             raise self._refusal(f"a directory that holds other files, and no mark of jointbayes ({MARK})")
         return True
 
-    def _refusal(self, found: str, error: type[UserError] | None = None) -> UserError:
-        return (error or self._error)(f"{self.path}: found {found}; {self._expected}")
+    def _refusal(self, found: str) -> WriteError:
+        return WriteError(f"{self.path}: found {found}; {self._expected}")
 
 
 @contextmanager

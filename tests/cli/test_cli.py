@@ -423,6 +423,7 @@ def test_commands_look_for_garbage_seldom():
 @pytest.mark.parametrize(("line", "said"), [
     ("calibrate case.toml", "calibrate: it was removed: simulation-based calibration checks the program"),
     ("simulate case.toml --out x.uff", "simulate: it was removed: computed data stand in a case"),
+    ("run case.toml --resume", "--resume: it was removed: leave it out"),
     ("campaign joints.csv --draws 400", "--draws: it was removed: leave it out"),
     ("campaign joints.csv --again", "--again: it was removed: leave it out"),
     ("plan case.toml --assume k11=1e9", "--assume: it was removed: leave it out"),

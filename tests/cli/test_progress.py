@@ -16,7 +16,7 @@ def counted(stage, done, elapsed=0.0):
     ("told", "text"),
     [
         (jb.Progress("drawing figures"), "drawing figures"),
-        (jb.Progress("checkpoint", "no room"), "checkpoint: no room"),
+        (jb.Progress("premises", "no room"), "premises: no room"),
         (counted("sampling", 0), "sampling: 0 of 9 cases"),
         (counted("sampling", 3, 50.0), "sampling: 3 of 9 cases, about 2 min left"),
         (jb.Progress("sampling", "1 bad", 3, 9, "cases", 2, 60.0), "sampling: 3 of 9 cases, 1 bad, about 6 min left"),

@@ -14,8 +14,9 @@ from jointbayes.identification.refine import laplace_covariance
 from jointbayes.identification.starting_points import _TestMatch, frequency_starts
 from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.storage import estimate_record, parse_estimate
+from jointbayes.posterior.storage import _with_values, estimate_record
 from jointbayes.sampling import fit_proposal
+from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TABLE_3, cheap_text, edited, pair_matrix
 from tests.oracles import differences
 from vibrecords import FrequencyData, FrfData, FrfSet, peaks
@@ -155,7 +156,8 @@ def test_a_start_that_leads_nowhere_is_kept_with_its_own_joint_as_its_end(cheap_
     monkeypatch.setattr("jointbayes.identification.mode_search.into_support", lambda *_: None)
     search.climb_stiffnesses({"paper's iteration": releases_energy})
     estimate = search.estimate()
-    again = parse_estimate(json.loads(json.dumps(estimate_record(estimate), default=np.ndarray.tolist)), "file")
+    plain = json.loads(json.dumps(estimate_record(estimate), default=np.ndarray.tolist))
+    again = stored_value(jb.MapEstimate, _with_values(plain), "file")
     for outcome in (estimate.starts[-1], again.starts[-1]):
         assert (outcome.name, outcome.log_posterior, outcome.reached_mode) == ("paper's iteration", -np.inf, False)
         np.testing.assert_array_equal(outcome.stiffness, releases_energy)

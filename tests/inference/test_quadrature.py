@@ -116,14 +116,13 @@ def for_all(monkeypatch):
     monkeypatch.setattr(workflow, "on_nodes", lambda problem, theta: on_nodes(problem, theta, least_values=0))
 
 
-def test_a_run_ends_with_ln_p_on_all_lines_at_its_draws_and_goes_on_from_its_checkpoint(cheap_case, for_all, tmp_path):
-    kept = {"settings": FEW_STEPS, "checkpoint": tmp_path / "run"}
-    posterior = jb.sample(cheap_case, **kept)
+def test_a_run_ends_with_ln_p_on_all_lines_at_its_draws(cheap_case, for_all):
+    posterior = jb.sample(cheap_case, settings=FEW_STEPS)
     assert "quadrature" in posterior.reason
     density = posterior.log_density.ravel()
     np.testing.assert_array_equal(density, cheap_case.problem.log_posterior(posterior.theta))
-    for again in (jb.sample(cheap_case, settings=FEW_STEPS), jb.sample(cheap_case, resume=True, **kept)):
-        np.testing.assert_array_equal(again.theta, posterior.theta)
+    again = jb.sample(cheap_case, settings=FEW_STEPS)
+    np.testing.assert_array_equal(again.theta, posterior.theta)
 
 
 def test_draws_that_all_lines_do_not_confirm_are_drawn_anew(cheap_case, monkeypatch):

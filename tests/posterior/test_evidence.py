@@ -15,9 +15,10 @@ from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.posterior import evidence, importance_evidence, nested_evidence
-from jointbayes.posterior.storage import estimate_record, parse_estimate
+from jointbayes.posterior.storage import _with_values, estimate_record
 from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
 from jointbayes.sampling.diagnostics import pareto_k
+from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS
 
 LOG = JointPrior(LogStiffness(), (Normal(20.0, 2.0), Normal(16.0, 1.5), Uniform(11.0, 16.0)))
@@ -284,7 +285,7 @@ class TestModes:
         )
         estimate = jb.MapEstimate(modes[0].theta, np.ones(3), modes[0].covariance, 1.0, (), modes)
         plain = json.dumps(estimate_record(estimate), default=lambda array: array.tolist())
-        back = parse_estimate(json.loads(plain), "")
+        back = stored_value(jb.MapEstimate, _with_values(json.loads(plain)), "")
         for one, other in zip(back.modes, modes, strict=True):
             assert one.log_posterior == other.log_posterior
             for restored, kept in zip(one.start, other.start, strict=True):

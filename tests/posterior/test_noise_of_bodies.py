@@ -12,7 +12,6 @@ from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
-from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.posterior.verdicts import lines_of
 from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs
@@ -202,11 +201,9 @@ def test_of_several_tests_the_worst_is_told(posterior):
     assert (found.ignored, found.test) == (True, "b")
 
 
-def test_the_report_has_the_bodies_of_every_test_and_a_run_is_of_all(posterior):
+def test_the_report_has_the_bodies_of_every_test(posterior):
     problem = of_tests(posterior.problem, data_set("counted", 2))
     inputs = ReportInputs(replace(posterior, problem=problem))
     inputs.__dict__["summary"] = posterior.summary()
     (_, table) = measured_bodies_section(inputs).blocks
     assert [row[0] for row in table.rows] == ["spindle in test a", "spindle in test b"]
-    parts = run_fingerprint(problem, None, 1, SETTINGS)
-    assert {"measured body a.spindle", "measured body b.spindle"} <= set(parts)

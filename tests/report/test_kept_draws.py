@@ -86,7 +86,7 @@ def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, fre
     seen = []
 
     def look(*_arguments, **_options):
-        seen.append(jb.load_posterior("out.unfinished/posterior.nc").theta.tobytes())
+        seen.append(jb.load_posterior("out.posterior.nc").theta.tobytes())
         raise RuntimeError
 
     monkeypatch.setattr("jointbayes.report.run_directory.build_report", look)

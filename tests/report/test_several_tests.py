@@ -18,7 +18,6 @@ from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.posterior import data_sha256
 from jointbayes.posterior.curves import Curve, _change, curves_of
 from jointbayes.posterior.homogeneity import ModeShift
-from jointbayes.posterior.storage import run_fingerprint
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph, Table
@@ -161,35 +160,6 @@ variance = {{source = "relative", relative = 0.03, floor = 0.01}}
     for part, other in zip(loaded.problem.parts, case.problem.parts, strict=True):
         assert_array_equal(part.test.data.frf.values, other.test.data.frf.values)
         assert part.test.data.provenance.files == other.test.data.provenance.files
-
-
-def test_what_a_run_is_of_changes_with_the_data_and_the_tables_of_any_test():
-    def parts(text):
-        case = jb.case_from_text("case", text)
-        return run_fingerprint(case.problem, case, 1, case.sampler)
-
-    first = parts(BASE + TWO)
-    assert parts(BASE + TWO) == first
-    for other in (TWO.replace("200.0", "201.0"), TWO + "[tests.third]\n", TWO.replace("long", "tall")):
-        assert parts(BASE + other) != first
-    changed = {name for name, value in parts(BASE + TWO.replace("200.0", "201.0")).items() if first.get(name) != value}
-    assert changed == {"data", "data at the joint in short", "tests.short.structure.length_mm"}
-
-
-def test_what_a_run_is_of_changes_with_what_later_tests_have_from_the_rest_of_the_file():
-    """The first test replaces the length, and the data of both are stated: nothing else tells the two cases apart."""
-    heard = "".join(
-        f"[tests.{name}.data]\nfrequencies_hz = [121.5, 752.5]\n{more}"
-        for name, more in (("short", "[tests.short.structure]\nlength_mm = 200.0\n"), ("long", ""))
-    )
-    base = BASE.split("[data]")[0] + '[data]\nkind = "natural_frequencies"\nsd_relative = 0.0\nsd_hz = 0.5\n'
-
-    def parts(text):
-        case = jb.case_from_text("case", text)
-        return run_fingerprint(case.problem, case, 1, case.sampler)
-
-    first, other = parts(base + heard), parts(base.replace("383.0", "400.0") + heard)
-    assert {name for name in first if first[name] != other[name]} == {"tests.long.structure.length_mm"}
 
 
 @pytest.mark.whole

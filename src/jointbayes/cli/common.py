@@ -1,8 +1,6 @@
 """What several commands share: reading a case, drawing, what is printed of a posterior, exit codes."""
 
-import shlex
 import sys
-from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,16 +9,15 @@ import click
 
 from jointbayes.cli.output import manner, manner_option, say, warn
 from jointbayes.cli.progress_display import show_progress, show_stage
-from jointbayes.errors import CaseError, WriteError
+from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from jointbayes.case.case import Case
     from jointbayes.case.case_text import InputWarning
     from jointbayes.posterior import Knowledge, Posterior
-    from jointbayes.sampling import UnfinishedRun
     from jointbayes.workflow import TakenAs
 
 NOT_MATCHED = 1
@@ -33,7 +30,6 @@ TERMINATED = 143  # the same with SIGTERM or SIGHUP
 OUTPUT_CLOSED = 141  # the same with SIGPIPE
 
 seed_option = click.option("--seed", type=click.IntRange(0, 2**32 - 1), help="Seed of the run; by default the case's.")
-resume_option = click.option("--resume", is_flag=True, help="Go on with a run that was interrupted or killed.")
 take_as_option = click.option(
     "--take-as",
     type=click.Choice(["usual", "exact"]),
@@ -94,9 +90,7 @@ def load(config: Path) -> "Case":
     return case
 
 
-def draw(
-    case: "Case", seed: int | None, checkpoint: "UnfinishedRun | None" = None, take_as: "TakenAs | None" = None
-) -> "Posterior":
+def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
     from jointbayes.posterior.homogeneity import compare_all_tests
     from jointbayes.workflow import sample as draw
@@ -104,36 +98,7 @@ def draw(
     for comparison in compare_all_tests(case.problem):
         say(comparison.sentence)
     with show_progress() as progress:
-        return draw(case, seed=seed, progress=progress, checkpoint=checkpoint, premises=take_as)
-
-
-@contextmanager
-def unfinished(
-    command: str, config: Path, out: Path | None, target: Path, seed: int | None, take_as: str | None, *, resume: bool
-) -> "Iterator[UnfinishedRun]":
-    """Keep a run beside its target while it is made; the line that is printed where it is stopped says how to go on."""
-    from jointbayes.sampling import UnfinishedRun
-
-    words = ["jointbayes", command, str(config)]
-    words += [] if out is None else ["--out", str(out)]
-    words += [] if seed is None else ["--seed", str(seed)]
-    words += [] if take_as is None else ["--take-as", take_as]
-    again = shlex.join([*words, "--resume"])
-    place = target.with_name(f"{target.name}.unfinished")
-    with UnfinishedRun(
-        place, resume=resume, progress=lambda now: say(f"jointbayes: {now.text}", err=True), remedy=f"use: {again}"
-    ) as kept:
-        try:
-            yield kept
-        except (CaseError, WriteError) as error:
-            if kept.holds_a_run:
-                raise type(error)(f"{error}; or make room and go on with: {again}") from error
-            raise
-        except KeyboardInterrupt:
-            if kept.holds_a_run:
-                what = f"the run is kept in {place} as it is after {kept.steps} steps; go on with: {again}"
-                manner().unfinished = what
-            raise
+        return draw(case, seed=seed, progress=progress, premises=take_as)
 
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:

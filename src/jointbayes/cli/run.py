@@ -1,7 +1,6 @@
 """Commands on one case or its posterior: run, identify, sample, report, check."""
 
 import sys
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -12,11 +11,10 @@ from jointbayes.cli import common
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
 from jointbayes.cli.targets import force_option, require_free, require_outside
-from jointbayes.errors import CaseError, JointBayesError, ReportError, ReportInterruptedError
+from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
-    from jointbayes.posterior import Posterior
     from jointbayes.workflow import TakenAs
 
 
@@ -27,8 +25,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
 @common.seed_option
 @common.take_as_option
-@common.resume_option
-def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None", *, resume: bool) -> None:
+def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None") -> None:
     """Identify, sample and write the report of a case file.
 
     \b
@@ -45,17 +42,10 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
     target = out or Path("reports") / case.name
     require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
     require_outside(target)
-    with common.unfinished("run", config, out, target, seed, take_as, resume=resume) as kept:
-        posterior = common.draw(case, seed, kept, take_as)
-        inputs = ReportInputs(posterior)
-        try:
-            with draws_kept(posterior, target, kept.path) as draws:
-                manner().written = write_run(posterior, target, show_stage, inputs)
-        except (ReportError, ReportInterruptedError):
-            if not draws.exists():  # they are whole beside the run directory
-                kept.discard()
-            raise
-        kept.discard()
+    posterior = common.draw(case, seed, take_as)
+    inputs = ReportInputs(posterior)
+    with draws_kept(posterior, target):
+        manner().written = write_run(posterior, target, show_stage, inputs)
     common.print_summary(posterior, inputs.knowledge)
     for check, diagnosis in zip(posterior.checks, posterior.diagnoses, strict=True):
         if check.finding != "explained" or check is posterior.check:
@@ -127,9 +117,8 @@ def identify(config: Path, *, paper: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Posterior file; by default <case name>.nc.")
 @common.seed_option
 @common.take_as_option
-@common.resume_option
 @force_option
-def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None", *, resume: bool) -> None:
+def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | None") -> None:
     """Sample a case and write the draws, without a report.
 
     \b
@@ -144,30 +133,15 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
     target = out or Path(f"{case.name}.nc")
     require_free(target, "--out", posterior=True)
     require_room(target, room_of_run(case.problem, case.sampler, report=False))
-    with common.unfinished("sample", config, out, target, seed, take_as, resume=resume) as kept:
-        posterior = common.draw(case, seed, kept, take_as)
-        require_free(target, "--out", posterior=True)  # once more: hours may have passed
-        save_draws(posterior, target)
-        manner().written = target
-        kept.discard()
+    posterior = common.draw(case, seed, take_as)
+    require_free(target, "--out", posterior=True)  # once more: hours may have passed
+    save_draws(posterior, target)
+    manner().written = target
     common.print_summary(posterior)
     if manner().json:
         manner().result |= {**posterior.summary().to_json(), "draws": str(target)}
     say(f"Draws: {target}")
     common.exit_by_convergence(posterior)
-
-
-def _remove_unfinished(target: Path, reported: "Posterior") -> None:
-    """Remove the unfinished run beside a run directory where it holds the draws that are now there."""
-    from jointbayes.sampling import UnfinishedRun
-    from jointbayes.workflow import load_posterior
-
-    place = target.with_name(f"{target.name}.unfinished")
-    with suppress(JointBayesError):  # damaged, or somebody else's
-        kept = place / "posterior.nc"
-        if kept.is_file() and load_posterior(kept).theta.tobytes() == reported.theta.tobytes():
-            with UnfinishedRun(place, resume=True) as run:
-                run.discard()
 
 
 @open_option
@@ -198,7 +172,6 @@ def report(posterior: Path, out: Path | None) -> None:
     inputs = ReportInputs(loaded)
     with draws_explained(posterior, target):
         manner().written = write_run(loaded, target, show_stage, inputs)
-    _remove_unfinished(target, loaded)
     manner().result |= inputs.summary.to_json()
     report_written(target)
     common.exit_by_convergence(loaded)

@@ -6,7 +6,6 @@ with the problem, by `jointbayes.posterior.stored_file`. ArviZ's 0.x (InferenceD
 1.x (DataTree) differ; that is known here alone.
 """
 
-import hashlib
 import json
 import os
 import re
@@ -35,8 +34,8 @@ from jointbayes.joint import Blocks
 from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.prediction import replicate
-from jointbayes.posterior.run_record import RunRecord, SampledCase, bodies_of, package_versions, sha256_of
-from jointbayes.sampling import Draws, SamplerSettings
+from jointbayes.posterior.run_record import RunRecord, sha256_of
+from jointbayes.sampling import Draws
 from jointbayes.stored_values import REMEDY, StoredArray, stored_value
 from vibrecords import Data
 from vibrecords.arrays import Array
@@ -289,11 +288,6 @@ def write_tree(tree: xr.DataTree, more: Mapping[str, xr.Dataset], record: str, p
 PROBLEM_GROUP = "problem"
 #: Rooms whose public classes may stand in a description.
 _ROOMS = ("jointbayes.structure", "jointbayes.joint", "jointbayes.frf", "vibrecords", "jointbayes.inference")
-#: A setting that changes no draw, and tables of a case that are only shown or compared with the result.
-_NO_MATTER = frozenset({"budget_s"})
-_ONLY_SHOWN = frozenset({"title", "about", "reference", "sampling", "compare", "tests"})
-_LONGEST = 60  # characters of a part as it is shown; of longer ones a digest
-_VERSIONS = ("python", "numpy", "scipy", "numba", "emcee", "jointbayes")
 
 
 class StoredProblem(TypedDict):
@@ -322,18 +316,6 @@ def problem_arrays(problem: Problem) -> tuple[xr.Dataset, StoredProblem]:
     """
     description = _Description.describe(problem)
     return array_dataset(description.arrays), description.as_json()
-
-
-def described(problem: Problem) -> dict[str, Any]:
-    """Each part of a problem and its tests as plain values; of an array its digest, of what is one's own its name."""
-    parts = {field.name: getattr(problem, field.name) for field in fields(problem) if field.name != "tests"}
-    for test in problem.tests:
-        parts |= {prefixed(test.name, field.name): getattr(test, field.name) for field in fields(test)}
-    plain: dict[str, Any] = {}
-    for name, part in parts.items():
-        description = _Description.describe(part, name)
-        plain[name] = [description.plain, *(sha256_of([array]) for array in description.arrays.values())]
-    return plain
 
 
 def problem_from(
@@ -630,17 +612,6 @@ def estimate_record(estimate: MapEstimate) -> dict[str, Any]:
     return {"stiffness": plain.pop("values"), **plain}  # the name that the quantities had first
 
 
-def parse_estimate(plain: Any, place: str) -> MapEstimate:  # noqa: ANN401
-    """What `estimate_record` made of a MAP estimate, from JSON.
-
-    Raises
-    ------
-    MeasurementError
-        If it is something else: what.
-    """
-    return stored_value(MapEstimate, _with_values(plain), place)
-
-
 def _with_values(plain: Any) -> Any:  # noqa: ANN401
     named = isinstance(plain, dict) and "stiffness" in plain
     return {**plain, "values": plain["stiffness"], "iteration": None} if named else plain
@@ -683,54 +654,3 @@ def parse_record(text: str, where: str) -> FileRecord:
     if isinstance(plain.get("knowledge"), dict):  # what earlier versions kept, and is found from the draws today
         plain["knowledge"] = {k: v for k, v in plain["knowledge"].items() if k not in ("next_steps", "decides")}
     return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
-
-
-def run_fingerprint(problem: Problem, case: SampledCase | None, seed: int, settings: SamplerSettings) -> dict[str, str]:
-    """Parts of a run by name: seed, settings, versions, data, and the keys of the case or the parts of the problem.
-
-    Parameters
-    ----------
-    problem
-        What is sampled.
-    case
-        The case that states it, if one does.
-    seed, settings
-        Of the run.
-    """
-    parts = {"seed": str(seed), "data": "".join(sha256_of(test.data.arrays.values())[:16] for test in problem.tests)}
-    for part in problem.parts:
-        if (joint_frf := part.test.data.joint_frf) is not None:
-            name = f"data at the joint in {part.test.name}" if part.test.name else "data at the joint"
-            parts[name] = sha256_of([joint_frf.values])[:16]
-    for name, body in bodies_of(problem).items():
-        parts[f"measured body {name}"] = sha256_of(body.arrays)[:16]
-    parts |= {
-        f"sampling.{setting.name}": str(getattr(settings, setting.name))
-        for setting in fields(settings)
-        if setting.name not in _NO_MATTER
-    }
-    if case is not None and case.stated is problem and case.tests:
-        for test in case.tests:
-            tables = json.loads(test.spec.model_dump_json(exclude=set(_ONLY_SHOWN)))
-            parts |= _flat(tables, f"tests.{test.name}." if test.name else "")
-    else:
-        parts |= {name: _shortened(plain) for name, plain in described(problem).items() if name != "name"}
-    versions = package_versions()
-    return parts | {f"version of {name}": versions[name] for name in _VERSIONS}
-
-
-def _flat(table: Mapping[str, Any], above: str = "") -> dict[str, str]:
-    """Values by dotted key."""
-    flat: dict[str, str] = {}
-    for key, value in table.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{above}{key}.")
-        elif value is not None:
-            flat[f"{above}{key}"] = _shortened(value)
-    return flat
-
-
-def _shortened(value: object) -> str:
-    """A value as a message may show it; of a long one its digest."""
-    text = json.dumps(value, ensure_ascii=False, sort_keys=True)
-    return text if len(text) <= _LONGEST else hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -5,7 +5,7 @@ import os
 import shlex
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from jointbayes.errors import JointBayesError, ReportError, ReportInterruptedError, WriteError
@@ -13,7 +13,7 @@ from jointbayes.posterior import Posterior
 
 
 @contextmanager
-def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None) -> Iterator[Path]:
+def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
     """Keep draws in a file beside the run directory to be until the directory itself holds them.
 
     Parameters
@@ -22,8 +22,6 @@ def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None
         The posterior.
     directory
         The run directory.
-    within
-        Directory of the unfinished run, which holds the file while the body runs; by default it is where it stays.
 
     Yields
     ------
@@ -40,7 +38,7 @@ def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None
     """
     # "." and ".." have no name of their own
     named = directory if directory.name.strip(".") else Path(os.path.abspath(directory))
-    kept = _reserve_file(named) if within is None else within / "posterior.nc"
+    kept = _reserve_file(named)
     try:
         save_draws(posterior, kept, directory)
     except BaseException:
@@ -49,9 +47,6 @@ def draws_kept(posterior: Posterior, directory: Path, within: Path | None = None
     try:
         yield kept
     except (Exception, KeyboardInterrupt) as error:
-        if within is not None:
-            with suppress(OSError):
-                kept = kept.replace(_reserve_file(named))
         raise _explained(error, kept, directory) from error
     kept.unlink(missing_ok=True)
 

@@ -197,7 +197,7 @@ def _require_ours(target: Path) -> None:
 
 
 def room_of_run(problem: Problem, settings: SamplerSettings, *, report: bool) -> int:
-    """Bytes that a run of a thousand steps has on the disk at one time: checkpoint, draws, and those of a report.
+    """Bytes that a run of a thousand steps has on the disk at one time: draws, and those of a report.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def room_of_run(problem: Problem, settings: SamplerSettings, *, report: bool) ->
     dimension = len(problem.names)
     draws = 8 * settings.ensembles * settings.walkers * min(settings.max_steps, _STEPS)
     in_file = dimension + len(problem.quantities) + 3  # θ, stiffnesses, ln p and a share of all the rest
-    return draws * (dimension + 1 + (2 if report else 1) * in_file) + (_ROOM if report else 0)
+    return draws * (2 if report else 1) * in_file + (_ROOM if report else 0)
 
 
 def require_room(target: Path, room: int = _ROOM) -> None:

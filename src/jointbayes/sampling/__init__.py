@@ -2,7 +2,6 @@
 
 from jointbayes.sampling.chains import Chains as Chains
 from jointbayes.sampling.chains import Draws as Draws
-from jointbayes.sampling.checkpoint import UnfinishedRun as UnfinishedRun
 from jointbayes.sampling.coordinate_maps import ComposedCoordinates as ComposedCoordinates
 from jointbayes.sampling.coordinate_maps import Coordinates as Coordinates
 from jointbayes.sampling.coordinate_maps import NormalScores as NormalScores

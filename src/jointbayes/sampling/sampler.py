@@ -10,7 +10,6 @@ import numpy as np
 from jointbayes.errors import SamplingError
 from jointbayes.progress import Budget, Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Slow, Stage
-from jointbayes.sampling.checkpoint import UnfinishedRun, finished_first, require_same_density
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.distributions import GOOD_MIXTURE, drawn_without_replacement, good_efficiency, truncated
@@ -256,7 +255,6 @@ def run_ensembles(
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
     slow: Slow | None = None,
-    keeper: UnfinishedRun | None = None,
     budget: Budget | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met, or a limit of steps or of processor time is reached.
@@ -283,8 +281,6 @@ def run_ensembles(
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
     slow : Slow, optional
         When the run ends before its limit because it mixes slowly; by default never.
-    keeper : UnfinishedRun, optional
-        Where the steps are kept while they are made, and from where the run goes on.
     budget : Budget, optional
         Of the run that this one is a stage of; by default that of the settings begins here.
 
@@ -310,14 +306,8 @@ def run_ensembles(
     from jointbayes.sampling.moves import advance  # emcee's import is no part of the sampling that is timed
 
     streams = rng if isinstance(rng, Streams) else Streams.from_generator(rng)
-    number = streams.stage
-    kept = None if keeper is None else keeper.stage(number)
-    if kept is None:
-        stage, states, spent = Stage(), initial_states(log_density, start, settings, first=number == 0), 0.0
-    else:
-        stage, states, spent = kept
-        require_same_density(log_density, states)
-    verdict, whole_steps, began = stage.verdict(settings), stage.step, time.perf_counter() - spent
+    stage, states = Stage(), initial_states(log_density, start, settings, first=streams.stage == 0)
+    verdict, began = stage.verdict(settings), time.perf_counter()
     budget = budget or settings.budget(start.shape[-1])
     advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
 
@@ -326,25 +316,13 @@ def run_ensembles(
             return True
         return budget.is_spent and bool(stage.checks) and stage.checks[-1].step == stage.step
 
-    def keep(*, now: bool) -> None:
-        if keeper is not None:
-            keeper.keep(number, stage, states, time.perf_counter() - began, now=now)
-
-    try:
-        while not is_done():
-            with finished_first(wait=keeper is not None) as asked_to_stop:
-                states = stage.extend(advance_one, states, streams, settings)
-                whole_steps = stage.step
-                stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
-                verdict = stage.verdict(settings)
-                keep(now=bool(asked_to_stop) or is_done())
-                stage.condense()
-            if progress is not None:
-                progress(stage.report(settings, verdict, time.perf_counter() - began))
-    except KeyboardInterrupt:
-        if stage.step == whole_steps:  # a second signal may have come before a block was counted
-            keep(now=True)
-        raise
+    while not is_done():
+        states = stage.extend(advance_one, states, streams, settings)
+        stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
+        verdict = stage.verdict(settings)
+        stage.condense()
+        if progress is not None:
+            progress(stage.report(settings, verdict, time.perf_counter() - began))
     if not verdict.converged and stage.step < settings.max_steps and budget.is_spent:
         verdict = replace(verdict, reason=f"{verdict.reason}; {budget}")
     return stage.chains(settings, verdict, time.perf_counter() - began)
@@ -360,7 +338,6 @@ def run_adapted(
     systems: Sequence[Coordinates],
     proposal: Proposal,
     quantities: Quantities | None = None,
-    keeper: UnfinishedRun | None = None,
 ) -> tuple[Chains, Proposal]:
     """Run ensembles as :func:`run_ensembles` does, and fit the proposal anew where they are slow to converge.
 
@@ -385,9 +362,6 @@ def run_adapted(
         Coordinates to choose from for the new proposal.
     proposal : Proposal
         The first.
-    keeper : UnfinishedRun, optional
-        Where the steps are kept while they are made. With what it holds of an earlier process the run goes on as if
-        never interrupted: earlier stages are read, and proposals fitted to them again.
 
     Returns
     -------
@@ -417,7 +391,6 @@ def run_adapted(
             proposal=replace(proposal, efficiency=_HALF) if explores else proposal,
             quantities=quantities,
             slow=slow,
-            keeper=keeper,
             budget=budget,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
