@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.limits import LikelihoodRegion
@@ -237,6 +238,11 @@ class AnyPosterior(Protocol):
     @property
     def diagnosis(self) -> Diagnosis:
         """How far the MAP is from the data in an engineer's measure, and what its residuals point to."""
+
+    @property
+    def compared_frfs(self) -> Mapping[str, tuple[ComparedFrf, ...]]:
+        """Each measured FRF and the predicted one, by test."""
+        ...
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:

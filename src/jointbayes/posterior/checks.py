@@ -121,10 +121,10 @@ ResidualPattern = Literal["white", "correlated"]
 
 #: Opening of each finding, and what it means for the intervals; nothing where the model explains the data.
 _WORDS: dict[Finding, tuple[str, str]] = {
-    "explained": ("The model explains the data", ""),
-    "misfit": ("The model does NOT explain the data", "Do not use intervals from this fit."),
-    "misfit below the noise": ("The model does NOT explain the data", "Intervals are too wide, and may be shifted."),
-    "noise overstated": ("The stated noise is overstated", "The model explains the data; intervals are too wide."),
+    "explained": ("The model explains the {of}", ""),
+    "misfit": ("The model does NOT explain the {of}", "Do not use intervals from this fit."),
+    "misfit below the noise": ("The model does NOT explain the {of}", "Intervals are too wide, and may be shifted."),
+    "noise overstated": ("The stated noise is overstated", "The model explains the {of}; intervals are too wide."),
 }
 
 _INFER = '([noise] scale = "sampled")'
@@ -145,6 +145,8 @@ _SD_LARGER = (
 )
 _SD_SMALLER = "State their standard deviations as small as they are."
 
+#: What is checked where FRFs are analysed by their modes.
+OF_FRFS = "modes that the FRFs show"
 #: What the noise model absorbs: a column of the table each. Natural frequencies are too few for a pattern.
 COLUMNS: tuple[Absorbed, ...] = ("nothing", "outliers", "size", "frequencies")
 #: Of each level and pattern the finding, as ``summary.json`` has it, and what helps; nothing where nothing needs help.
@@ -201,6 +203,8 @@ class PredictiveCheck:
         Name of the test whose data they are, where there are several.
     n_tests
         Tests of all tests together; 0: of these data alone.
+    of
+        What was checked, after "the": where FRFs are analysed by their modes these alone.
     """
 
     chi2_per_line: float
@@ -214,6 +218,7 @@ class PredictiveCheck:
     inferred: tuple[str, ...] = ()
     test: str = ""
     n_tests: int = 0
+    of: str = "data"
 
     @property
     def n_own_tests(self) -> int:
@@ -286,7 +291,7 @@ class PredictiveCheck:
     def sentence(self) -> str:
         """The finding in plain words, with the size or the rarity of the misfit."""
         test, (head, consequence) = f"Test {self.test}: " if self.test else "", _WORDS[self.finding]
-        return f"{test}{head}: {self._misfit}. {consequence}".rstrip()
+        return f"{test}{head}: {self._misfit}. {consequence}".format(of=self.of).rstrip()
 
     @property
     def _misfit(self) -> str:
@@ -354,7 +359,8 @@ def check_part(part: Problem, theta: Array, rng: np.random.Generator) -> Predict
     if test.data.frfs is not None:
         return replace(check_frfs(likelihood.noise, z, hyper, rng), test=test.name)
     absorbs: Absorbed = "nothing" if test.data.modes is None else "frequencies"
-    return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs), test=test.name)
+    of = "data" if test.data.shown_frfs is None else OF_FRFS
+    return replace(check_frequencies(np.asarray(z.real), likelihood.noise, hyper, rng, absorbs), test=test.name, of=of)
 
 
 def check_frfs(

@@ -18,6 +18,7 @@ from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
 from jointbayes.posterior.any_posterior import Solutions
 from jointbayes.posterior.checks import PredictiveCheck, check_part
+from jointbayes.posterior.compared_frfs import ComparedFrf, compare_frfs, sentences_of_faults
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
@@ -64,16 +65,15 @@ from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.posterior.widened import WidenedPosterior
 from jointbayes.posterior.wider_draws import widen_posterior
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import in_lines, number
+from jointbayes.rounding import in_lines
 from jointbayes.structure import StructureRecipe
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import frf_svg, paragraph_html, table_html
 
-_TINY = float(np.finfo(float).tiny)
 _REGION_DRAWS, _KERNEL_DRAWS = 4000, 4000
 _MOST_SHOWN = 9  # quantities, where a posterior is printed
-_FAR_LEVEL = 3.0  # that no damping of a best fit explains
+_COMPARED_DRAWS = 20  # whose FRFs are compared with the measured ones
 #: One cell of a table of cases; None where a number does not exist.
 Cell = str | float | int | bool | None
 #: Quantities that move all modes alike.
@@ -585,14 +585,10 @@ class Posterior:
 
     @property
     def premises_sentences(self) -> tuple[str, ...]:
-        """What the answer rests on where it is not that of data as stated, and FRFs whose level it does not have."""
-        words = [
-            f"The FRFs{f' of test {test}' if test else ''} are {number(ratio, 2)} times as large as the answer "
-            "predicts: check unit and sensitivity of the channels, which natural frequencies do not show."
-            for test, ratio in self.levels.items()
-            if not 1 / _FAR_LEVEL <= ratio <= _FAR_LEVEL
-        ]
-        return (*premises_sentences(self.problem.premises, self.model_error), *self.unseen_inputs, *words)
+        """What the answer rests on where data are not taken as stated, and what is off of FRFs that it does not fit."""
+        modes = [test.name for test in self.problem.tests if test.data.modes is not None]
+        faults = [text for test in modes for text in sentences_of_faults(self.compared_frfs[test], test)]
+        return (*premises_sentences(self.problem.premises, self.model_error), *self.unseen_inputs, *faults)
 
     @property
     def unseen_inputs(self) -> tuple[str, ...]:
@@ -606,16 +602,10 @@ class Posterior:
         return (f"Natural frequencies alone hardly show that {what} is further off than assumed: measure it.",)
 
     @cached_property
-    def levels(self) -> dict[str, float]:
-        """Median of measured over predicted magnitude of the FRFs that modes were read off, by test."""
-        levels = {}
-        for part in self.problem.parts:
-            shown, data = part.test.data.shown_frfs, part.test.data
-            if shown is None or data.frfs is not None:
-                continue
-            predicted = np.abs(self._best_frfs(part, shown.frf))
-            levels[part.test.name] = float(np.median(np.abs(shown.frf.values) / np.maximum(predicted, _TINY)))
-        return levels
+    def compared_frfs(self) -> dict[str, tuple[ComparedFrf, ...]]:
+        """Each measured FRF and the predicted one by test, fitted or not: level, sign and shape, and what is off."""
+        theta = np.vstack([self.estimate.theta, self.thinned(_COMPARED_DRAWS)])
+        return {part.test.name: compare_frfs(part, theta) for part in self.problem.parts}
 
     def _best_frfs(self, part: Problem, frf: FrfSet) -> NDArray[np.complex128]:
         """FRFs of the MAP where others were measured, in their quantity and shape."""

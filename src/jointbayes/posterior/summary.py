@@ -13,6 +13,7 @@ from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Level, Premises, Problem
 from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
 from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.curves import ScatterSummary, assembly_scatters
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_all_tests
@@ -210,6 +211,7 @@ class Summary:
     assumptions: tuple[str, ...]
     correlations: Mapping[tuple[str, str], float]
     about: Mapping[str, str]
+    compared_frfs: Mapping[str, tuple[ComparedFrf, ...]]
 
     def __str__(self) -> str:
         record, fit = self.record, self.fit
@@ -290,6 +292,7 @@ class Summary:
             "tests": {name: test.as_json() for name, test in self.tests.items() if name},
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
             "assemblies": [asdict(scatter) for scatter in self.assemblies],
+            "compared_frfs": [{"test": test, **asdict(f)} for test, frfs in self.compared_frfs.items() for f in frfs],
         }
         return json_ready(summary)
 
@@ -362,6 +365,7 @@ def summarise(
         assumptions=tuple(assumptions),
         correlations=_correlations(posterior),
         about=about or {},
+        compared_frfs=posterior.compared_frfs,
     )
 
 

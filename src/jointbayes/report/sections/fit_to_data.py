@@ -1,9 +1,12 @@
 """Measured and predicted data: whether the model explains them, the FRFs side by side, and what was left out."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
+from jointbayes.posterior.compared_frfs import ComparedFrf, sentences_of_faults
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report import drawing
@@ -11,7 +14,7 @@ from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.rounding import interval, number
 from vibrecords import FrfData, FrfSet
 
@@ -29,7 +32,11 @@ def fit_section(inputs: TestInputs) -> ReportSection:
     data, shown = inputs.problem.test.data.frfs, inputs.problem.test.data.shown_frfs
     of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
     residuals = [] if data is None else [_residuals(data, summary.check)]
-    blocks += [*of_frfs[:_FIRST], *residuals, *_correlations(summary.diagnosis), *of_frfs[_FIRST:]]
+    test = inputs.problem.test.name
+    compared = inputs.posterior.compared_frfs[test]
+    blocks += [Callout("caution", foreign(text)) for text in sentences_of_faults(compared, test)]
+    table = _compared(compared) if data is None else _correlations(summary.diagnosis)
+    blocks += [*of_frfs[:_FIRST], *residuals, *table, *of_frfs[_FIRST:]]
     blocks.append(Paragraph(f"**For the statistician.** {foreign(summary.check.figures)}"))
     return ReportSection("fit", "Measured and predicted", tuple(blocks))
 
@@ -65,6 +72,24 @@ def _correlations(diagnosis: Diagnosis) -> list[Block]:
         "resonances where there are any."
     )
     return [Table("FRFs of data and best fit", ("FRF", "Correlation", "Level, data over fit"), pairs, note=note)]
+
+
+def _compared(compared: Sequence[ComparedFrf]) -> list[Block]:
+    """Level and phase of FRFs that were not fitted."""
+    if not compared:
+        return []
+    shown = sorted(compared, key=lambda frf: not frf.faults)[:MOST_ROWS]
+    rows = tuple((foreign(f"{f.output}/{f.input}"), f"{f.correlation:.3f}", number(f.level)) for f in shown)
+    note = (
+        "Over lines above the noise. In phase: mean cosine of the phase, 1 where both agree, −1 where the sign is "
+        "opposite. Level: median ratio."
+    )
+    kinds = tuple("caution" if frf.faults else "" for frf in shown)
+    return [
+        Table(
+            "FRFs of data and answer", ("FRF", "In phase", "Level, data over answer"), rows, note=note, row_kinds=kinds
+        )
+    ]
 
 
 def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosis: Diagnosis) -> list[Block]:

@@ -2,6 +2,7 @@
 
 import math
 
+from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.posterior.run_record import DO_NOT_USE
 from jointbayes.posterior.summary import Summary, TestSummary
@@ -42,13 +43,15 @@ def _model(inputs: ReportInputs) -> Light:
         return Light(name, "bad" if bodies.ignored else "caution", foreign(bodies.sentence))
     if not worst.check.explains:
         misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
-        return Light(name, "bad", f"Does not explain the data{of_test}. {misfit}")
+        return Light(name, "bad", f"Does not explain the {worst.check.of}{of_test}. {misfit}")
     if worst.check.finding == "noise overstated":
-        return Light(name, "caution", f"Explains the data{of_test}, with noise stated too large. {_misfit(worst)}")
+        return Light(
+            name, "caution", f"Explains the {worst.check.of}{of_test}, with noise stated too large. {_misfit(worst)}"
+        )
     of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
     if summary.model_error is not None:
         return _by_its_error(summary.model_error, of_all)
-    return Light(name, "good", f"Explains the data{of_all}. {_misfit(worst)}")
+    return Light(name, "good", f"Explains the {worst.check.of}{of_all}. {_misfit(worst)}")
 
 
 def _by_its_error(error: InferredError, of_all: str) -> Light:
@@ -78,19 +81,20 @@ def _misfit(test: TestSummary) -> str:
 
 def _data(inputs: ReportInputs) -> Light:
     summary = inputs.summary
-    doubts = [
-        foreign(f"{warning.where}: {warning.sentence}") for test in inputs.tests
+    doubts = [text for test, frfs in summary.compared_frfs.items() for text in sentences_of_faults(frfs, test)]
+    doubts += [
+        f"Check {warning.where}: {warning.sentence}" for test in inputs.tests
         for warning in getattr(test.problem.test.data.provenance, "warnings", ())
     ]  # fmt: skip
-    doubts += [foreign(str(warning)) for warning in summary.warnings]
+    doubts += [f"Check {warning}" for warning in summary.warnings]
     if doubts:
-        more = f" And {len(doubts) - 1} more, see Data." if len(doubts) > 1 else ""
-        return Light("Data", "caution", f"Check {_short(doubts[0])}{more}")
+        more = f" And {len(doubts) - 1} more, see below." if len(doubts) > 1 else ""
+        return Light("Data", "caution", f"{foreign(_short(doubts[0]))}{more}")
     if summary.fit.synthetic_data:
         return Light("Data", "caution", "Computed from the joint and the noise that the case states, not measured.")
     return Light("Data", "good", f"{summary.fit.n_data} measured values; nothing in them looks doubtful.")
 
 
-def _short(text: str, most: int = 120) -> str:
+def _short(text: str, most: int = 180) -> str:
     """A sentence to its full stop, or as far as there is room."""
     return f"{text.rstrip('.')}." if len(text) <= most else f"{text[: most - 1].rstrip(' .,')} …"
