@@ -182,11 +182,14 @@ class _Hdf5:
                 items[name] = group[name]
         attributes = self.attributes(group)
         names = [n for n, item in items.items() if isinstance(item, h5py.Dataset)]
+        named = {*names}
         groups = sorted((n for n, item in items.items() if isinstance(item, h5py.Group)), key=_natural)
         block = {} if self.matlab else {key: v for key, v in attributes.items() if not isinstance(v, Unread)}
-        block |= {name: self.item(items[name], f"{place}/{name}".lstrip("/"), depth + 1) for name in names + groups}
-        for name in [] if self.matlab else names:
-            block |= {f"{name}{ATTRIBUTE}{key}": value for key, value in self.attributes(items[name]).items()}
+        for name in names + groups:
+            told = self.attributes(items[name]) if name in named else {}
+            block[name] = self.item(items[name], f"{place}/{name}".lstrip("/"), depth + 1, told)
+            if not self.matlab:
+                block |= {f"{name}{ATTRIBUTE}{key}": value for key, value in told.items()}
         block = {name: value for name, value in block.items() if value is not None}
         if self.matlab and "MATLAB_sparse" in attributes and {"ir", "jc"} <= block.keys():
             shape = (int(attributes["MATLAB_sparse"]), block["jc"].size - 1)
@@ -197,8 +200,8 @@ class _Hdf5:
             return [{name: values[i] for name, values in block.items()} for i in range(min(lists))]
         return block
 
-    def item(self, item: Any, place: str, depth: int) -> Any:  # noqa: ANN401
-        """Content of a data set or a group."""
+    def item(self, item: Any, place: str, depth: int, attributes: Block | None = None) -> Any:  # noqa: ANN401
+        """Content of a data set, whose attributes may be known, or of a group."""
         import h5py
 
         if isinstance(item, h5py.Group):
@@ -209,7 +212,8 @@ class _Hdf5:
         self.bytes += max(item.nbytes, math.prod(item.chunks or (0,)) * item.dtype.itemsize)
         matlab_5.refuse_larger(self.bytes, self.most)
         if h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
-            return _dataset(item, f"variable '{place}'", self.attributes(item), self.matlab)
+            told = self.attributes(item) if attributes is None else attributes
+            return _dataset(item, f"variable '{place}'", told, self.matlab)
         if not self.matlab:
             return Unread("references to other places")
         self.count += item.size

@@ -309,10 +309,9 @@ class Block:
         """Texts under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
         small = name.lower()
         held = (key for key in (f"{small}_unit", f"{small}_units", f"unit_{small}") if is_text(self.get(key)))
-        listed = next((v for n, v in self.arrays.items() if n.lower() in ("unit", "units") and isinstance(v, dict)), {})
-        of_struct = [
-            strings(text, self.where("units")) for n, text in listed.items() if n.lower() == small and is_text(text)
-        ]
+        listed = self.arrays.get(self._lower.get("units", ""))
+        told = {n.lower(): text for n, text in listed.items()} if isinstance(listed, dict) else {}
+        of_struct = [strings(told[small], self.where("units"))] if is_text(told.get(small)) else []
         return next((texts for texts in (*map(self.strings, held), *of_struct) if any(texts)), [])
 
 
