@@ -19,11 +19,13 @@ from jointbayes.posterior.identifiability import ratio_of
 from jointbayes.posterior.next_step import NextStep, next_steps, spread_in_words
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.prediction import frfs_as_measured
+from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.sections.lead import lead
 from jointbayes.structure import family_of_recipe, reduce_to_ports
 from tests.case.refusal_rows import parts_named
 from tests.case.test_free_structure_as_test import MATERIAL as FREE_MATERIAL
 from tests.case.test_several_tests import BASE
-from tests.conftest import CLAMP, PAIR, TABLE_3, of_case, unsettled
+from tests.conftest import CLAMP, CONFIGS, PAIR, TABLE_3, of_case, unsettled
 from tests.inference.test_free_test import CLAMPED, FREE, MATERIAL, PRIOR, beam_family
 from vibrecords import Antiresonances, ModeData, Observed, quantity_factor
 
@@ -342,3 +344,16 @@ def test_plan_prints_the_ranking_whose_first_row_is_next_of_page_one(name, reque
     assert plan.lines[0] == plan.advice
     assert plan.as_json()["steps"][0]["gain"] == pytest.approx(plan.steps[0].sd_before / sds[0])
     assert not jb.plan(unsettled(posterior)).steps
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize(("name", "worth"), [
+    ("measured_rotation", True), ("spindle_tool", True), ("clamped_beam_frequencies", False),
+])  # fmt: skip
+def test_next_on_page_one_of_a_shipped_case_is_the_first_row_of_plan(name, worth):
+    posterior = jb.sample(CONFIGS / f"{name}.toml", seed=1)
+    plan = jb.plan(posterior)
+    (page,) = (b.text for b in lead(ReportInputs(posterior)) if getattr(b, "text", "").startswith("**Next.**"))
+    measurement, price, known_to, _ = plan.table.rows[0]
+    assert plan.steps[0].is_worth_it == worth
+    assert all(words in page.lower() for words in (measurement, price, known_to)) == worth

@@ -145,6 +145,23 @@ def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_eviden
     assert comparison.words(comparison.best) == "best"
 
 
+def test_each_search_starts_from_the_modes_of_the_hypotheses_before(cases, monkeypatch):
+    known = []
+
+    def noted(problem, **options):
+        known.append(problem.known_theta)
+        return found(problem, **options)
+
+    found = weigh.find_map
+    monkeypatch.setattr(weigh, "find_map", noted)
+    text = frequencies_text(hypotheses=("rotation", "springs"))
+    both = jb.compare([jb.case_from_text("short", text)], seed=3).candidates
+    first, second = known
+    assert len(second) == len(first) + 1
+    k22 = both[0].stiffness[2]
+    np.testing.assert_allclose(np.exp(second[-1][1]), k22, rtol=1e-6)  # the spring that both have
+
+
 @pytest.mark.whole
 def test_the_same_seed_gives_the_same_evidence_whatever_else_is_compared(cases, comparison):
     alone = jb.compare(cases[1:], seed=3)

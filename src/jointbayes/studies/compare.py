@@ -515,7 +515,8 @@ def compare(
         text, elapsed = f"now {hypothesis} in {case.name}", time.monotonic() - began
         tell(Progress("weighing", text, done=done, total=len(pairs), unit="candidates", elapsed_seconds=elapsed))
         try:
-            candidates.append(_candidate(case, answered[case.name], hypothesis, seed))
+            candidate, answered[case.name] = _candidate(case, answered[case.name], hypothesis, seed)
+            candidates.append(candidate)
         except CaseError:
             raise
         except JointBayesError as error:
@@ -565,7 +566,8 @@ def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[
             for (name, problem), used in zip(answered.items(), each, strict=True)}  # fmt: skip
 
 
-def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> WeighedModel:
+def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> tuple[WeighedModel, Problem]:
+    """A hypothesis weighed, and the problem that hands its modes on to the search of the next one."""
     # one stream for each candidate, whatever else is compared
     rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)])
     problem = hypothesis_problem(answered, hypothesis)
@@ -574,20 +576,16 @@ def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> Wei
     if problem.names:
         estimate = find_map(problem, seed=seed)
         starts, mode = estimate.starts_for_draws, estimate.theta
+        answered = answered.with_known_modes(problem.prior, estimate.places)
     result = evidence(problem.log_posterior, coordinate_systems(problem), starts, rng)
     if not np.isfinite(result.log_z):
         raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
     draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
-    return WeighedModel(
-        case.name,
-        case.title,
-        hypothesis,
-        problem.names,
-        problem.prior.values(mode),
-        result,
-        _piled_up(problem.prior, draws),
-        problem.quantities,
+    stiffness, edges = problem.prior.values(mode), _piled_up(problem.prior, draws)
+    weighed = WeighedModel(
+        case.name, case.title, hypothesis, problem.names, stiffness, result, edges, problem.quantities
     )
+    return weighed, answered
 
 
 def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
