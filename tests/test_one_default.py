@@ -9,6 +9,8 @@ import jointbayes as jb
 from jointbayes.inference import in_workshop
 from jointbayes.workflow import answered_problem
 from tests.conftest import CONFIGS, first_in_ci
+from tests.one_line import refused
+from tests.test_workflow import QUICK, Triangle
 
 LENGTH, SIDE, DENSITY, MODULUS = 0.4, 0.02, 7800.0, 2.1e11
 TRUTH = np.array([2e8, 3e5, 1e5])  # k11, k12, k22
@@ -107,3 +109,21 @@ def test_the_problem_of_a_shipped_case_is_answered_as_the_case(name):
 def test_errors_taken_off_a_problem_stay_off(both):
     right = replace(both[1].problem, name="right").with_premises(replace(both[1].problem.premises, model_error=None))
     assert "model" in right.exact
+
+
+def test_a_decided_posterior_is_loaded_with_the_problem_as_it_was_stated(tmp_path):
+    own = jb.JointPrior(jb.LogStiffness(), tuple(Triangle(np.log(k), 3.0) for k in TRUTH))
+    stated, path = problem_of(frequencies(), prior=own), tmp_path / "own.nc"
+    posterior = jb.sample(stated, seed=1, settings=QUICK)
+    assert posterior.problem.premises.reason
+    posterior.save(path)
+    refused(lambda: jb.load_posterior(path), jb.ModelError, "marginals[0].given (Triangle)")
+    loaded = jb.load_posterior(path, problem=stated)
+    np.testing.assert_array_equal(loaded.theta, posterior.theta)
+    assert loaded.problem.premises == posterior.problem.premises
+    other = problem_of(
+        frequencies(), prior=replace(own, marginals=(Triangle(np.log(TRUTH[0]), 4.0), *own.marginals[1:]))
+    )
+    refused(lambda: jb.load_posterior(path, problem=other), jb.ModelError, "found draws of another density")
+    wrong = problem_of(frequencies(), prior=replace(own, marginals=(jb.Normal(1.0, 2.0), *own.marginals[1:])))
+    refused(lambda: jb.load_posterior(path, problem=wrong), jb.ModelError, "of another problem than the one passed")
