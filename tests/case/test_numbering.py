@@ -112,7 +112,9 @@ def test_a_length_two_per_cent_wrong_is_no_doubt_of_the_numbers():
     assert find_numbering(bar(frequency, sd=1e-3).problem, ErrorSizes()) is None
 
 
-@pytest.mark.parametrize("name", ["clamped_beam_frequencies", "clamped_beam_frequencies_360mm", "two_storeys"])
+@pytest.mark.parametrize(
+    "name", ["clamped_beam_frequencies", "clamped_beam_frequencies_360mm", "two_storeys", "two_machines"]
+)
 def test_no_shipped_case_is_doubted(name):
     case = jb.load_case(CONFIGS / f"{name}.toml")
     assert not any("natural frequencies that fit" in warning.text for warning in case.warnings)

@@ -107,7 +107,7 @@ def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, flo
     if measured.shown_frfs is None and all(name.startswith("frequency") for name in measured.value_names):
         possible.append((0, RAD_PER_S))
     gaps = [np.append(numbers[:i], numbers[i:] + 1) for i in range(1, numbers.size)]  # a mode between was left out
-    away, model = {}, _nominal_frequencies(problem, min(count + 1, most))
+    away, model = {}, _nominal_frequencies(problem, max(count, min(count + 1, most)))
     for unit_hz in {1.0, *(unit for _, unit in possible)}:
         softer = _in_unit(prior, unit_hz)
         stiffness = softer.values(softer.sample(np.random.default_rng(0), _DRAWS))
