@@ -222,6 +222,7 @@ ASKED = {
     "DEWESoft's two estimators": (TWO_ESTIMATORS, "frf with coherence"),
     "a phase in radians": ({"f": LINES, "mag": SIZE, "phase": PHASE, "coh": COHERENCE}, "frf with coherence"),
     "a phase in radians, in a struct": ({"run": {"f": LINES, "mag": SIZE, "phase": PHASE}}, "frf"),
+    "a phase without a name": ({"f": LINES, "mag": SIZE, "turn": PHASE, "coh": COHERENCE}, "frf with coherence"),
     "decibels below 0": ({"f": LINES, "H_mag": 20 * np.log10(SIZE), "H_phase_rad": PHASE, "coh": COHERENCE},
                          "frf with coherence"),
     "a matrix of t, F, x": ({"Data": np.column_stack([TIME, FORCE, MOTION])}, HITS),
@@ -249,6 +250,12 @@ ASKED = {
     "parts without names": ({"abc": LINES, "de": H.real, "fg": H.imag}, "frf"),
     "a part without a name": ({"f": LINES, "H": H.real, "rest": H.imag, "coh": COHERENCE}, "frf with coherence"),
     "two estimates": ({"f": LINES, "H1": H, "H2": 0.9 * H, "coh": COHERENCE}, "frf with coherence"),
+    "two clocks": ({"fs": 512.0, "t": TIME, "x": MOTION}, {"x": MOTION}),
+    "a rate and an interval": ({"dt": 1 / RATE, "fs": 512.0, "x": MOTION}, {"x": MOTION}),
+    "Test.Lab's function without an axis unit": ({"A": {
+        "x_values": {"start_value": 2.0, "increment": 2.0, "number_of_values": 64.0, "quantity": {"label": ""}},
+        "y_values": {"values": H[:, None], "quantity": {"label": "rpm"}},
+        "function_record": {"name": "Function a", "type": "Function"}}}, "frf"),
     "an axis w": ({"w": 2 * np.pi * LINES, "H": H}, "frf"),
     "two axes": ({"f": LINES, "freq": 2 * LINES, "H": H}, "frf"),
 }  # fmt: skip

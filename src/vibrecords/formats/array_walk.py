@@ -57,6 +57,8 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
     """
     frfs = _frfs(block)
     coherences = [name for name in block.named("coherence") if frfs or _axes(block, block.numbers(name).shape)]
+    if coherences and not frfs and any(block.named(part) for part in ("magnitude", "real", "imaginary")):
+        raise MeasurementError(_not_understood([block]))  # an FRF of which one part has another name
     pairs = dict(_pairs(block, [frf.name for frf in frfs], coherences))
     for frf in frfs:
         yield from _frf_records(block, frf, pairs.get(frf.name), alone=len(frfs) == 1)
@@ -458,6 +460,9 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
             if holder.meanings[name].role == "phase":
                 blocks = [_with_phase_unit(block, key.removeprefix("phase_")) for block in blocks]
                 layout = {other: path for other, path in layout.items() if other != key}
+            elif len(sizes := holder.named("magnitude")) == 1:  # whose phase has another name
+                layout = {**layout, "magnitude": holder.path(sizes[0])}
+                layout |= dict(zip(["coherence"], map(holder.path, holder.named("coherence")), strict=False))
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in _records(block for block in used if block.named("coherence")):
@@ -690,9 +695,11 @@ def _columns(
     if not units[0] and not role and re.search("signal|time", word):
         seconds = 1.0
     if seconds is None and frequency_factor(units[0]) is None and (units[0] or not role):
+        step = (axis[-1] - axis[0]) / max(axis.size - 1, 1)
         raise MeasurementError(
-            f"variable '{path}': found the unit {units[0]!r} of an axis that may be of time or frequency; expected s "
-            f'or Hz; write frf = "{path}" with f_start_hz, f_step_hz, or samples with sample_rate_hz, in [data.layout]'
+            f"variable '{path}': found the unit {units[0]!r} of an axis of time or frequency; expected s or "
+            f'Hz; write frf = "{path}", f_start_hz = "{axis[0]:.9g}", f_step_hz = "{step:.9g}", or samples = "{path}", '
+            f'sample_rate_hz = "{1 / step if step else 0:.9g}" in [data.layout]'
         )
     if not role and frf_unit(units[1]) is not None and np.any(values.imag):
         role = "frf"
@@ -884,6 +891,8 @@ def _keys_of_shapes(block: Block) -> str:
             shapes = [n for n in same if arrays[n].size > size and arrays[n].ndim < 3]
             more = {"mode_shapes": shapes[0]} if shapes else {}
             return _paste(block, mode_frequencies_hz=axis, damping_ratios=ratios[0], **more)
+        if len(real) == 1 and "magnitude" in {role_of[n] for n in same}:
+            return f"{_paste(block, phase_rad=real[0])} or {_paste(block, phase_deg=real[0])}"
         if over_lines := [n for n in unknown if is_complex(arrays[n])]:
             return _paste(block, frequency_hz=axis, frf=over_lines[0])
         if not role_of[axis] and {role_of[n] for n in same} & {"frf", "coherence", "spectrum", *_PARTS}:

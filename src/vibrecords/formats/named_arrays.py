@@ -525,8 +525,9 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
         missing += 'sample_rate_hz = "1024" with your own rate in Hz'
         raise MeasurementError(f"{block.where(name)}: {missing}")
     if not max(rates) / min(rates) - 1 < 1e-2:
+        by_axis = f'time = "{block.path(axes[0])}" or ' if axes else f'sample_rate_hz = "{rates[-1]:.9g}" or '
         raise MeasurementError(
-            f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write time or "
-            "sample_rate_hz with the name of the right one in [data.layout]"
+            f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write "
+            f'{by_axis}sample_rate_hz = "{rates[0]:.9g}" in [data.layout]'
         )
     return rates[0], notes
