@@ -161,5 +161,4 @@ CASES = [
     ),
     KeyCase(WHOLE + PARTS["settings"], "identify", "iden|samp|ref"),
     KeyCase(USUAL + PARTS["several tests"], keys="tests"),
-    KeyCase(USUAL.replace("[joint]", "[joint]\nown = true") + PARTS["assemblies"], keys="assembly"),
 ]

@@ -105,7 +105,6 @@ def _of_problem(problem: jb.Problem) -> dict[str, Any]:
         "initial": first_guess,
         "prior": prior,
         "nuisance": problem.prior.nuisances,
-        "scatters": problem.prior.scatters,
     }
 
 

@@ -195,9 +195,6 @@ REPORTS = {
     "report_torques_alike": lambda _: of_tests(
         (several.OWN + several.TORQUES).replace("k22 = 2.2e6", "k22 = 1.52e6").replace("0.6e6", "1.52e6")
     ),
-    "report_assemblies": lambda _: of_tests(
-        several.OWN + several.TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n", 0.001
-    ),
     "comparison": lambda _: kinds.comparison(),
 }
 
@@ -209,7 +206,6 @@ VARIANTS = {
     "report_measured": "report",
     "report_model_does_not_fit": "report",
     "report_torques_alike": "report_torques",
-    "report_assemblies": "report_torques",
 }
 
 

@@ -22,7 +22,7 @@ from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph, Table
 from jointbayes.report.sections.run_details import starts_section
-from jointbayes.report.sections.several_tests import assembly_section, curve_section, overview_section, section_of_test
+from jointbayes.report.sections.several_tests import curve_section, overview_section, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3, cli, unsettled
@@ -365,42 +365,3 @@ def test_what_files_lack_for_the_papers_iteration_is_told_whichever_test_has_the
     assert missing_for_iteration(problem) == "found no FRF at 1:rz"
     with pytest.raises(ModelError, match="found no FRF at 1:rz; use find_map instead"):
         jb.identify(problem)
-
-
-@pytest.fixture(scope="module")
-def assemblies():
-    tests = TORQUES.replace("level = 20.0", "level = 5.0") + "[assembly]\nscatter = 0.2\n"
-    return posterior_of(jb.case_from_text("assemblies", OWN + tests), sd=0.001)
-
-
-def test_the_scatter_between_assemblies_is_told_with_its_interval(assemblies):
-    """Draws hardly scatter about ln k22 of 2.2e6 and 0.6e6 at 5 N m: what is left is what two values say of τ."""
-    inputs = inputs_of(assemblies)
-    summary = json.loads(json.dumps(inputs.summary.to_json(), allow_nan=False))
-    by_name = {scatter["quantity"]: scatter for scatter in summary["assemblies"]}
-    assert list(by_name) == ["k11", "k12", "k22"]
-    assert {scatter["assemblies"] for scatter in by_name.values()} == {2}
-    assert by_name["k11"]["prior_interval95"] == pytest.approx([0.2 * 3**-1.96, 0.2 * 3**1.96])
-    contrast = np.log(2.2 / 0.6) / np.sqrt(2)
-    grid = 0.2 * 3 ** np.linspace(-6, 6, 4001)
-    density = np.exp(-0.5 * (np.log(grid / 0.2) / np.log(3)) ** 2 - 0.5 * (contrast / grid) ** 2) / grid
-    steps = np.cumsum(density) / density.sum()
-    assert by_name["k22"]["median"] == pytest.approx(np.interp(0.5, steps, grid), rel=0.35)  # of 100 draws
-    assert by_name["k11"]["median"] < 0.3 * by_name["k22"]["median"]
-    section = assembly_section(inputs)
-    assert section.blocks[2].text == inputs.summary.assemblies[2].sentence
-    assert section.blocks[2].text.startswith("Between 2 assemblies k22 scatters by ")
-    assert [row[0] for row in section.blocks[-1].rows] == ["k11", "k12", "k22"]
-    assert inputs.summary.assemblies[2].sentence in str(inputs.summary)
-    failed = dataclasses.replace(inputs.summary, no_verdict=("the sampler has not converged",))
-    inputs.__dict__["summary"] = failed
-    assert assembly_section(inputs) is None
-
-
-def test_a_curve_over_levels_is_of_the_usual_assembly_and_as_wide_as_the_scatter_leaves_it(assemblies, torques):
-    curve = assemblies.curve("k22")
-    assert curve.sentence.startswith("k22 of the usual assembly at 10 N m over that at 5 N m: median ")
-    assert curve.change[2] / curve.change[1] > 5
-    alone = torques.curve("k22")
-    assert alone.change[2] / alone.change[1] < 1.2
-    assert "usual assembly" not in alone.sentence

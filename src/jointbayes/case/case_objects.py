@@ -42,7 +42,6 @@ from jointbayes.frf import (
     synthesise_frf,
 )
 from jointbayes.inference import (
-    AssemblyScatter,
     JointPrior,
     Level,
     Marginal,
@@ -502,28 +501,8 @@ def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
             for nuisance in named_here:
                 among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
-    prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()), _scatters(tests))
+    prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()))
     return prior, np.concatenate([[], *guesses])
-
-
-def _scatters(tests: Sequence[CaseTest]) -> tuple[AssemblyScatter, ...]:
-    """What scatters between assemblies: each stiffness of a joint that is each test's own, about a mean a level."""
-    groups: dict[str, dict[float | None, list[str]]] = {}
-    stated = tests[0].spec.assembly
-    for test in tests if stated is not None else ():
-        for name, joint in test.spec.stating_joints.items():
-            named, _ = test.spec.joint_of_test(test.name, name)
-            level = None if test.level is None else test.level.value
-            for axis in joint.coordinates if joint.own else ():
-                if axis.logarithmic:
-                    of_level = groups.setdefault(prefixed(name, axis.name), {}).setdefault(level, [])
-                    of_level.append(prefixed(named, axis.name))
-    several = {name: [tuple(g) for g in by_level.values() if len(g) > 1] for name, by_level in groups.items()}
-    return tuple(
-        AssemblyScatter(name, tuple(among), stated.scatter, stated.scatter_factor)
-        for name, among in several.items()
-        if stated is not None and among
-    )
 
 
 def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:

@@ -103,7 +103,6 @@ def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "P
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
-    from jointbayes.posterior.curves import assembly_scatters
     from jointbayes.posterior.verdicts import lines_of
 
     say(posterior.record.headline)
@@ -115,8 +114,6 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     bounds = knowledge.bounds_sentences if knowledge else ()
     for line in (*bounds, *posterior.solutions.sentences):
         say(line)
-    for scatter in assembly_scatters(posterior) if posterior.converged else ():
-        say(scatter.sentence)
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     for errors_of in (posterior.mesh, posterior.noise_of_bodies):

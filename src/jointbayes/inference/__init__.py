@@ -22,7 +22,6 @@ from jointbayes.inference.noise.gaussian import ScaledNoise as ScaledNoise
 from jointbayes.inference.noise.model_error import ModelErrorNoise as ModelErrorNoise
 from jointbayes.inference.noise.proportional import ProportionalNoise as ProportionalNoise
 from jointbayes.inference.noise.student_t import StudentNoise as StudentNoise
-from jointbayes.inference.prior import AssemblyScatter as AssemblyScatter
 from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.problem import Premises as Premises
 from jointbayes.inference.problem import Problem as Problem

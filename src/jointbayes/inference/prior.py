@@ -3,19 +3,9 @@
 A parametrisation says where: by bounds of a coordinate, |ρ| < 1, or by cones, 2 ln k12 < ln k11 + ln k22. The
 probability left, and draws by their quantiles, work on midpoints of the marginals' probability, so that they are the
 same in every run.
-
-A joint that is taken apart and put together again is not the same joint. Of n assemblies ln k scatters about their mean
-by N(0, τ²), and τ itself is unknown, log-normal. The prior that is stated of each assembly is then that of their mean:
-
-    p(x₁ … xₙ) = π(x̄) n^(−1/2) ∫ p(τ) Π_j N(y_j; 0, τ²) dτ,
-
-x = ln k, y_j the n − 1 orthonormal contrasts of x, whose squares sum up to Σ (x_i − x̄)². Assemblies at several levels
-have a mean each and τ in common. τ is integrated out over a grid, so that nothing more is sampled and there is no
-funnel, and drawn afterwards from its conditional density given the stiffnesses, which is exact.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -26,114 +16,6 @@ from jointbayes.errors import ModelError
 from jointbayes.inference.marginals import Marginal, Normal, Nuisance, OfStiffness, Uniform, marginal_of
 from jointbayes.joint import JointMatrix, Parametrisation
 from vibrecords.arrays import Array, Flags
-
-#: ln τ over its prior's standard deviations, from the median.
-_NODES = np.linspace(-6.0, 6.0, 193)
-_LOG_WEIGHTS = -0.5 * _NODES**2 - math.log(np.exp(-0.5 * _NODES**2).sum())
-
-
-@dataclass(frozen=True, slots=True)
-class AssemblyScatter:
-    """Scatter of ln k of one quantity of a joint between assemblies.
-
-    Parameters
-    ----------
-    quantity
-        As each test calls it: ``"k22"``.
-    groups
-        Names of the coordinates ln k of assemblies that have a mean in common, at least two each: one group for each
-        level.
-    median, factor
-        Of the log-normal prior of the standard deviation τ: its median, and the factor of one standard deviation.
-
-    Raises
-    ------
-    ModelError
-        If there is a group of one, or a number is impossible.
-    """
-
-    quantity: str
-    groups: tuple[tuple[str, ...], ...]
-    median: float = 0.1
-    factor: float = 3.0
-
-    def __post_init__(self) -> None:
-        if not self.groups or min(map(len, self.groups)) < 2:
-            raise ModelError(
-                f"assemblies of {self.quantity}: found {self.groups}; expected two assemblies at least; name them"
-            )
-        if not (0 < self.median < math.inf and 1 < self.factor < math.inf):
-            raise ModelError(
-                f"assemblies of {self.quantity}: found a scatter of {self.median:g} times {self.factor:g} or over it; "
-                "expected a median above 0 and a factor above 1; correct them"
-            )
-
-    @property
-    def count(self) -> int:
-        """Number of assemblies."""
-        return sum(map(len, self.groups))
-
-    @property
-    def freedom(self) -> int:
-        """Number of contrasts: assemblies less means."""
-        return self.count - len(self.groups)
-
-    @property
-    def _scatters(self) -> Array:
-        return self.median * self.factor**_NODES
-
-    def columns(self, names: Sequence[str]) -> list[list[int]]:
-        """Places of the coordinates of each group among those of a prior.
-
-        Raises
-        ------
-        ModelError
-            If one is not there.
-        """
-        missing = [name for group in self.groups for name in group if name not in names]
-        if missing:
-            raise ModelError(
-                f"assemblies of {self.quantity}: found no prior of {', '.join(missing)}; expected one of each of "
-                f"{', '.join(names)}; correct the names"
-            )
-        return [[names.index(name) for name in group] for group in self.groups]
-
-    def log_ratio(self, theta: Array, names: Sequence[str], marginals: Sequence[Marginal]) -> Array:
-        """ln of the density over that of independent marginals, shape (n,), of θ inside these, shape (n, d)."""
-        total = self._log_given_scatter(theta, names)
-        top = total.max(axis=1)
-        ratio = top + np.log(np.exp(total - top[:, None]).sum(axis=1))
-        for group in self.columns(names):
-            x = theta[:, group]
-            ratio += marginals[group[0]].log_density(x.mean(axis=1)) - math.log(len(group)) / 2
-            ratio -= sum(marginals[i].log_density(theta[:, i]) for i in group)
-        return np.asarray(ratio)
-
-    def _log_given_scatter(self, theta: Array, names: Sequence[str]) -> Array:
-        """ln of the weight of each τ times the density of the contrasts under it, shape (n, nodes)."""
-        squares = sum(((theta[:, g] - theta[:, g].mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
-                      for g in self.columns(names))  # fmt: skip
-        of_each = -0.5 * self.freedom * np.log(2 * np.pi * self._scatters**2)
-        return np.asarray(_LOG_WEIGHTS + of_each - 0.5 * np.asarray(squares)[:, None] / self._scatters**2)
-
-    def draw_scatter(self, theta: Array, names: Sequence[str], rng: np.random.Generator) -> Array:
-        """Draw τ from its conditional density given θ, shape (n, d), one for each: shape (n,)."""
-        total = self._log_given_scatter(theta, names)
-        reached = np.cumsum(np.exp(total - total.max(axis=1, keepdims=True)), axis=1)
-        asked = rng.random(len(theta)) * reached[:, -1]
-        # each node has the cell of half a step to either side
-        place = [np.interp(a, steps, _NODES + np.diff(_NODES)[0] / 2) for a, steps in zip(asked, reached, strict=True)]
-        return np.asarray(self.median * self.factor ** np.array(place))
-
-    def scattered(self, theta: Array, names: Sequence[str], rng: np.random.Generator) -> Array:
-        """θ of independent draws, shape (n, d), with assemblies scattered about that of each group's first."""
-        scattered = theta.copy()
-        scatter = self.median * self.factor ** rng.standard_normal(len(theta))
-        for group in self.columns(names):
-            away = scatter[:, None] * rng.standard_normal((len(theta), len(group)))
-            scattered[:, group] = theta[:, [group[0]]] + away - away.mean(axis=1, keepdims=True)
-        return scattered
-
 
 _CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
 _GRAIN = 2.0**-30
@@ -251,8 +133,6 @@ class JointPrior:
         or, where a coordinate is the logarithm of a stiffness, `OfStiffness` of one of these.
     nuisances
         The other uncertain quantities, whose coordinates follow.
-    scatters
-        Quantities that scatter between assemblies of a joint: their marginals are those of the mean of all.
 
     Raises
     ------
@@ -264,7 +144,6 @@ class JointPrior:
     parametrisation: Parametrisation
     marginals: tuple[Marginal, ...]
     nuisances: tuple[Nuisance, ...] = ()
-    scatters: tuple[AssemblyScatter, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "marginals", tuple(map(marginal_of, self.marginals)))
@@ -298,7 +177,7 @@ class JointPrior:
     @property
     def gaussian(self) -> bool:
         """Whether ln p is −½ Σ precision·(θ − mean)² and a constant inside the support: each normal or uniform in θ."""
-        return not self.scatters and all(isinstance(m, Normal | Uniform) for m in self.all_marginals)
+        return all(isinstance(m, Normal | Uniform) for m in self.all_marginals)
 
     @property
     def mean(self) -> Array:
@@ -406,10 +285,6 @@ class JointPrior:
         t = np.atleast_2d(np.asarray(theta, dtype=float))
         total = sum((m.log_density(t[:, i]) for i, m in enumerate(self.all_marginals)), np.zeros(len(t)))
         inside = self.feasible(t)
-        if self.scatters:
-            inside &= np.isfinite(total)
-            for scatter in self.scatters:
-                total[inside] += scatter.log_ratio(t[inside], self.names, self.all_marginals)
         return np.where(inside, total - self.log_normalisation, -np.inf)
 
     @property
@@ -444,11 +319,7 @@ class JointPrior:
         for _ in range(1000):
             columns = [*(m.sample(rng, size) for m in self.all_marginals), np.empty(size)]  # a rigid joint has none
             theta = np.stack(columns, axis=-1)[:, :-1]
-            for scatter in self.scatters:
-                theta = scatter.scattered(theta, self.names, rng)
-            # assemblies that scatter may leave their marginals
-            inside = np.isfinite(self.log_density(theta)) if self.scatters else self.feasible(theta)
-            kept.append(theta[inside])
+            kept.append(theta[self.feasible(theta)])
             if sum(map(len, kept)) >= size:
                 return np.concatenate(kept)[:size]
         raise ModelError(f"prior: found almost no positive definite joint among its draws; {NO_JOINT}")

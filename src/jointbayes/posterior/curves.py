@@ -1,22 +1,19 @@
-"""A quantity over the levels of the tests, whether it changes; and how a joint scatters between its assemblies."""
+"""A quantity over the levels of the tests, and whether it changes."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointbayes.errors import ModelError, require_probability
-from jointbayes.inference import AssemblyScatter, Level, Test
+from jointbayes.inference import Level, Test
 from jointbayes.inference.test import own_name
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.homogeneity import compare_tests
 from jointbayes.posterior.verdicts import reasons_for_no_verdict
-from jointbayes.rounding import number
 from vibrecords.arrays import Array
 
 _TINY = float(np.finfo(float).tiny)
-_STREAM = 11  # of random numbers, beside the seed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +45,6 @@ class Curve:
         Median and ends of the interval of the quantity at the second of the levels over that at the first, or minus it.
     unjudged
         Why nothing is said of a change: that the run has no verdict; empty where it has.
-    of_usual
-        Whether it is the usual assembly at each of the two levels that is compared, about which tests scatter.
     equal_data
         Whether the data of the two are equal within their noise, so that they show no change.
     """
@@ -70,7 +65,6 @@ class Curve:
     change: tuple[float, float, float]
     unjudged: str = ""
     equal_data: bool = False
-    of_usual: bool = False
 
     def __repr__(self) -> str:
         return self.sentence
@@ -91,8 +85,7 @@ class Curve:
         if self.unjudged:
             return f"{self.name} {between}: nothing is said of a change, for {self.unjudged}."
         least, quantity_unit = (1.0, "") if self.relative else (0.0, f" {self.unit}" if self.unit != "1" else "")
-        of = " of the usual assembly" if self.of_usual else ""
-        text = f"{self.name}{of} at {second} {'over' if self.relative else 'minus'} that at {first}"
+        text = f"{self.name} at {second} {'over' if self.relative else 'minus'} that at {first}"
         held = f"{100 * self.probability:g} % credible interval"
         if self.pairs > 1:
             text += f", of {self.pairs} pairs of levels the one that differs most clearly"
@@ -132,8 +125,7 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
     signed = {quantity.name for quantity in problem.quantities if quantity.may_be_negative}
     signed -= {axis.quantity for axis in problem.parametrisation.axes if axis.logarithmic}
     relative = signed.isdisjoint(quantity for _, quantity in named) and bool((values > 0).all())
-    usual = usual_assemblies(posterior, name, values, level)
-    pair, pairs, change = _change(values if usual is None else usual, level, relative=relative, tail=tail)
+    pair, pairs, change = _change(values, level, relative=relative, tail=tail)
     first = named[0][0].level
     assert first is not None
     compared = compare_tests(*(named[place][0] for place in pair))
@@ -141,7 +133,7 @@ def curve_of(posterior: AnyPosterior, name: str, probability: float = 0.95) -> C
         name, posterior.unit(named[0][1]), first, tuple(test.name for test, _ in named), tuple(q for _, q in named),
         level=level, median=median, low=low, high=high, probability=probability, pair=pair, pairs=pairs,
         relative=relative, change=change, unjudged="; ".join(reasons_for_no_verdict(posterior)),
-        equal_data=compared is not None and compared.equal, of_usual=usual is not None,
+        equal_data=compared is not None and compared.equal,
     )  # fmt: skip
 
 
@@ -194,69 +186,3 @@ def _sorted_by_level(tests: Sequence[Test]) -> list[Test]:
 def _value(test: Test) -> float:
     assert test.level is not None
     return test.level.value
-
-
-@dataclass(frozen=True, slots=True)
-class ScatterSummary:
-    """Standard deviation of ln k between assemblies.
-
-    Parameters
-    ----------
-    quantity, assemblies
-        What scatters, and the number of assemblies.
-    median, interval95, prior_interval95
-        Of the standard deviation; its 95 % interval before the data.
-    """
-
-    quantity: str
-    assemblies: int
-    median: float
-    interval95: tuple[float, float]
-    prior_interval95: tuple[float, float]
-
-    @property
-    def sentence(self) -> str:
-        """How much it scatters, in per cent."""
-        middle, low, high = (number(100 * value, 2) for value in (self.median, *self.interval95))
-        interval = f"95 % credible interval {low} to {high} %"
-        return f"Between {self.assemblies} assemblies {self.quantity} scatters by {middle} % ({interval})."
-
-
-def assembly_scatters(posterior: AnyPosterior) -> tuple[ScatterSummary, ...]:
-    """How much each quantity scatters between assemblies; empty where the prior knows of none."""
-    summaries = []
-    for scatter in posterior.problem.prior.scatters:
-        low, middle, high = np.quantile(_drawn(posterior, scatter), [0.025, 0.5, 0.975]).tolist()
-        before = tuple(scatter.median * scatter.factor**score for score in (-1.96, 1.96))
-        summaries.append(ScatterSummary(scatter.quantity, scatter.count, middle, (low, high), (before[0], before[1])))
-    return tuple(summaries)
-
-
-def usual_assemblies(posterior: AnyPosterior, name: str, values: Array, level: Array) -> Array | None:
-    """Quantity of the usual assembly at each level, drawn from N(mean of ln k there, τ²/n); None where none scatters.
-
-    Parameters
-    ----------
-    posterior
-        Of the draws.
-    name
-        The quantity as a test calls it.
-    values, level
-        At each draw of each test, shape (draws, n), and the level of each, shape (n,).
-    """
-    scatter = next((each for each in posterior.problem.prior.scatters if each.quantity == name), None)
-    if scatter is None:
-        return None
-    spread, usual = _drawn(posterior, scatter), np.empty(values.shape)
-    rng = np.random.default_rng([posterior.record.seed, _STREAM, 1])
-    for at in np.unique(level):
-        here = level == at
-        middle = np.log(values[:, here]).mean(axis=1)
-        usual[:, here] = np.exp(middle + spread / math.sqrt(here.sum()) * rng.standard_normal(len(values)))[:, None]
-    return usual
-
-
-def _drawn(posterior: AnyPosterior, scatter: AssemblyScatter) -> Array:
-    """The standard deviation at each draw, shape (draws,)."""
-    rng = np.random.default_rng([posterior.record.seed, _STREAM])
-    return scatter.draw_scatter(posterior.theta, posterior.problem.prior.names, rng)

@@ -477,6 +477,9 @@ class _Restoring:
         plain = {"test" if name == "setup" else name: entry for name, entry in plain.items()}  # the word of older files
         given = {name: self.part(entry, f"{place}.{name}") for name, entry in plain.items() if name != "kind"}
         hints = get_type_hints(kind)
+        # what an earlier version had and this one has not may be dropped if it says nothing
+        for name in [name for name in given if name not in hints and given[name] in ((), None, {})]:
+            del given[name]
         for name, value in given.items():
             if not _fits(value, hints.get(name, Any)):
                 raise self._fault(f"{place}.{name}", f"{value!r:.60}", str(hints[name]))

@@ -14,7 +14,6 @@ from jointbayes.inference import Level, Premises, Problem
 from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf
-from jointbayes.posterior.curves import ScatterSummary, assembly_scatters
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.homogeneity import Homogeneity, compare_all_tests
 from jointbayes.posterior.identifiability import Identifiability
@@ -172,8 +171,8 @@ class Summary:
     tests
         What is said of the data of each test, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the test that fits worst, and of the first.
-    homogeneity, assemblies
-        Whether tests of one structure measured the same, and how much a joint scatters between its assemblies.
+    homogeneity
+        Whether tests of one structure measured the same.
     premises, model_error
         What the answer takes for granted; and the model's error in natural frequencies as it was inferred, None where
         there is no place for one.
@@ -205,7 +204,6 @@ class Summary:
     left_out: tuple[LeftOut, ...]
     tests: Mapping[str, TestSummary]
     homogeneity: tuple[Homogeneity, ...]
-    assemblies: tuple[ScatterSummary, ...]
     premises: Premises
     model_error: InferredError | None
     assumptions: tuple[str, ...]
@@ -224,7 +222,7 @@ class Summary:
             *(test.check.sentence for test in self.tests.values()),
             *([sentence_of_left_out(self.left_out)] if self.left_out else []),
             *([] if self.measured_bodies is None else [self.measured_bodies.sentence]),
-            *(line for line in (self.solutions, *(each.sentence for each in self.assemblies)) if line),
+            *([self.solutions] if self.solutions else []),
             *self.assumptions,
             *(f"No verdict: {reason}" for reason in self.no_verdict),
             *(f"Warning: {warning}" for warning in self.warnings),
@@ -291,7 +289,6 @@ class Summary:
             "measurement": next(iter(self.tests.values())).measurement,
             "tests": {name: test.as_json() for name, test in self.tests.items() if name},
             "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
-            "assemblies": [asdict(scatter) for scatter in self.assemblies],
             "compared_frfs": [{"test": test, **asdict(f)} for test, frfs in self.compared_frfs.items() for f in frfs],
         }
         return json_ready(summary)
@@ -359,7 +356,6 @@ def summarise(
         left_out=posterior.predict_left_out(),
         tests=tests,
         homogeneity=compare_all_tests(problem),
-        assemblies=assembly_scatters(posterior),
         premises=problem.premises,
         model_error=posterior.model_error,
         assumptions=tuple(assumptions),

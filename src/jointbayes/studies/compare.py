@@ -436,11 +436,6 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     """
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    if problem.prior.scatters:
-        raise ModelError(
-            "comparison: found a joint that scatters between assemblies; expected priors that are independent; remove "
-            "[assembly]"
-        )
     simpler = joint_under_hypothesis(problem.parametrisation, hypothesis)
     marginal_by_name: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)

@@ -33,7 +33,7 @@ from vibrecords import Quantity
 #: Tables of a case on data that there are none of.
 _OF_DATA = frozenset(
     {"data", "noise", "left_out", "plan", "compare", "reference", "identification", "sampling"}
-    | {"tests", "level", "assembly", "bodies"}
+    | {"tests", "level", "bodies"}
 )
 
 

@@ -167,17 +167,6 @@ class LevelSpec(Spec):
     unit: Annotated[str, _LEVEL_UNIT] = ""
 
 
-_SCATTER = key_field("the usual standard deviation of ln k between assemblies, a number above 0", 0.1)
-_SCATTER_FACTOR = Field(gt=1, description="the factor by which that may be wrong, a number above 1", examples=[3.0])
-
-
-class AssemblySpec(Spec):
-    """Each test is an assembly of its own: stiffnesses scatter between them about those of the usual assembly."""
-
-    scatter: Annotated[Positive, _SCATTER] = 0.1
-    scatter_factor: Annotated[float, _SCATTER_FACTOR] = 3.0
-
-
 _MOST_LINES = 100_000  # of a prediction
 
 

@@ -39,7 +39,6 @@ from jointbayes.case.spec.prior_tables import (
 )
 from jointbayes.case.spec.settings_tables import (
     AboutSpec,
-    AssemblySpec,
     CompareSpec,
     IdentificationSpec,
     LeftOutSpec,
@@ -104,9 +103,6 @@ class CaseSpec(Spec):
         dict[Name, TestSpec], Field(description="several tests of the same joints, a table for each, as [tests.long]")
     ] = {}  # noqa: RUF012 (pydantic copies it)
     level: Annotated[LevelSpec | None, Field(description="what the levels of the tests are: name, unit")] = None
-    assembly: Annotated[
-        AssemblySpec | None, Field(description="that each test is an assembly of its own: scatter, scatter_factor")
-    ] = None
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
@@ -324,10 +320,7 @@ def _test_findings(case: CaseSpec) -> Iterator[Finding]:
 
 
 def _level_findings(case: CaseSpec) -> Iterator[Finding]:
-    """Yield levels of nothing that is named, of some tests only, or all alike; and assemblies where nothing scatters.
-
-    Nothing does without a joint of the tests' own, or without two tests of one level.
-    """
+    """Yield levels of nothing that is named, of some tests only, or all alike."""
     levels, level = {name: test.level for name, test in case.tests.items() if test.joined}, case.level
     given = [name for name, value in levels.items() if value is not None]
     if given and level is None:
@@ -340,17 +333,6 @@ def _level_findings(case: CaseSpec) -> Iterator[Finding]:
     elif given and len({levels[name] for name in given}) < 2:
         fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
         yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
-    if case.assembly is None or not case.joined:
-        return
-    fault, remedy = "", "add an assembly, or remove [assembly]"
-    if not any(joint.own for joint in case.all_joints.values()):
-        fault, remedy = "found no joint that is each test's own", "add own = true to [joint]"
-    elif len(set(levels.values())) == len(levels):
-        fault = f"found {len(levels)} tests{' at as many levels' if len(levels) > 1 else ''}"
-    if fault:
-        yield Finding(
-            ("assembly",), fault, "two assemblies at least of one joint, alike but for the assembling", remedy
-        )
 
 
 def _body_findings(case: CaseSpec) -> Iterator[Finding]:

@@ -94,30 +94,6 @@ def curve_section(inputs: ReportInputs) -> ReportSection | None:
     return ReportSection("curve", foreign(f"{what} over the {of.name}"), tuple(blocks))
 
 
-def assembly_section(inputs: ReportInputs) -> ReportSection | None:
-    """How much a joint scatters between its assemblies; None where tests are none, or the run has no verdict."""
-    scatters = inputs.summary.assemblies
-    if not scatters or inputs.summary.no_verdict:
-        return None
-    rows = tuple(
-        (
-            foreign(scatter.quantity),
-            str(scatter.assemblies),
-            number(100 * scatter.median, 2),
-            *(interval((100 * low, 100 * high)) for low, high in (scatter.interval95, scatter.prior_interval95)),
-        )
-        for scatter in scatters
-    )
-    head = ("Stiffness", "Assemblies", "Median (%)", "95 % credible interval (%)", "Before the data (%)")
-    note = (
-        "Standard deviation of ln k between assemblies, the same at every level. Before the data it is log-normal, "
-        "and the mean of ln k over the assemblies of a level has the prior that is stated of each."
-    )
-    sentences = (Paragraph(foreign(scatter.sentence)) for scatter in scatters)
-    table = Table("Scatter", head, rows, note=note)
-    return ReportSection("assemblies", "Scatter between assemblies", (*sentences, table))
-
-
 def _axis(curve: Curve) -> str:
     return foreign(f"{curve.of.name.capitalize()}{f' ({curve.of.unit})' if curve.of.unit else ''}")
 
