@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jointbayes.posterior.directions import name_directions, summary_sentence
+from jointbayes.posterior.fisher import spread_in_words
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.rounding import rounded, rounded_interval
 from tests.conftest import PAIR
 

@@ -14,9 +14,10 @@ from jointbayes.frf import DirectSolve, Ports
 from jointbayes.inference import JointPrior, Normal, Nuisance
 from jointbayes.joint import Joint, Joints
 from jointbayes.posterior.candidates import candidates_of, free_modes, frfs_there, modes_there, scatter, sensor_noise
-from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.fisher import fisher_information, spread_in_words
+from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import ratio_of
-from jointbayes.posterior.next_step import NextStep, next_steps, spread_in_words
+from jointbayes.posterior.next_step import next_steps
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.inputs import ReportInputs

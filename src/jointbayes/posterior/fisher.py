@@ -6,6 +6,7 @@ Fisher, R. A. (1922). On the mathematical foundations of theoretical statistics.
 Society A 222, 309-368. DOI 10.1098/rsta.1922.0009
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -15,8 +16,14 @@ from numpy.typing import ArrayLike
 
 from jointbayes.inference import Problem
 from jointbayes.joint import Parametrisation
+from jointbayes.rounding import percent
 from vibrecords.arrays import Array
 
+#: Half width of a 95 % interval in standard deviations; and the largest standard deviation of ln k that is said in %.
+_HALF_WIDTH, _SMALL = 1.96, 0.2
+#: Standard deviations of ln k beyond which nothing is known of a stiffness, and up to which a forecast is worth a word:
+#: 0.1 to 10 times.
+LARGEST, WORTH_SAYING = 3.0, math.log(10.0) / 1.96
 #: The least eigenvalue of an information scaled to a unit diagonal that is inverted: what rounding leaves of zero.
 _ROUNDING = 1e-15
 #: A parameter whose variance, in units of that with all else known, exceeds this is not determined at all: far enough
@@ -146,3 +153,17 @@ def inverse_information(information: Array) -> Array:
     covariance = np.diag(np.full(diagonal.size, np.inf))
     covariance[np.ix_(seen, seen)] = (vectors / np.maximum(values, _ROUNDING)) @ vectors.T / np.outer(root, root)
     return covariance
+
+
+def spread_in_words(sd: float) -> str:
+    """The 95 % interval of a stiffness around its median, by the standard deviation of its logarithm.
+
+    Examples
+    --------
+    >>> spread_in_words(0.045), spread_in_words(0.5), spread_in_words(9.0)
+    ('±8.8 %', '0.38 to 2.7 times', 'beyond 0.0028 to 360 times')
+    """
+    if sd <= _SMALL:
+        return f"±{percent(_HALF_WIDTH * sd)}"
+    low, high = (float(f"{math.exp(side * _HALF_WIDTH * min(sd, LARGEST)):.2g}") for side in (-1, 1))
+    return f"{'' if sd <= LARGEST else 'beyond '}{low:g} to {high:g} times"

@@ -39,6 +39,7 @@ from jointbayes.posterior.coordinates import by_names, compliance_and_scores, ju
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, summary_sentence
 from jointbayes.posterior.fisher import fisher_information
+from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
@@ -50,7 +51,6 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.next_step import NextStep
 from jointbayes.posterior.verdicts import by_likelihood, concluded, found_with_wider_priors, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.posterior.widened import WidenedPosterior, replace_prior

@@ -3,9 +3,7 @@
 Linearised: the Fisher information of the data in hand plus that of the further ones, about a few draws.
 """
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,76 +13,11 @@ from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.candidates import candidates_of
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
+from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
-from jointbayes.posterior.phrases import WORKSHOP
-from jointbayes.rounding import percent, sentence_start
 from vibrecords.arrays import Array
 
 _DRAWS = 5
-#: Half width of a 95 % interval in standard deviations; and the largest standard deviation of ln k that is said in %.
-_HALF_WIDTH, _SMALL = 1.96, 0.2
-#: A measurement that makes the standard deviation less than so many times smaller is not worth its price.
-_LEAST_GAIN = 1.15
-#: Standard deviations of ln k beyond which nothing is known of a stiffness, and up to which a forecast is worth a word:
-#: 0.1 to 10 times.
-_LARGEST, WORTH_SAYING = 3.0, math.log(10.0) / 1.96
-
-
-@dataclass(frozen=True, slots=True)
-class NextStep:
-    """A forecast: a further measurement, and the standard deviation of ln of a stiffness before and after it.
-
-    Parameters
-    ----------
-    quantity
-        Name of the stiffness.
-    words, price
-        The measurement and what it costs, for a sentence.
-    sd_before, sd_after
-        Linearised.
-    names
-        Quantities that are uncertain in the forecast though the run takes them as exact; empty where there are none.
-    """
-
-    quantity: str
-    words: str
-    price: str
-    sd_before: float
-    sd_after: float
-    names: tuple[str, ...] = ()
-
-    @property
-    def gain(self) -> float:
-        """How many times smaller the standard deviation becomes; of what is unknown before, from 0.05 to 20 times."""
-        return min(self.sd_before, _LARGEST) / min(self.sd_after, _LARGEST)
-
-    @property
-    def is_worth_it(self) -> bool:
-        """Whether the stiffness is then known, and much better than before."""
-        return self.sd_after <= WORTH_SAYING and self.sd_before > _LEAST_GAIN * self.sd_after
-
-    @property
-    def sentence(self) -> str:
-        """The step with what it should bring, said to be an estimate, and its price."""
-        rest = f" with {WORKSHOP}" if self.names else ""
-        return (
-            f"{sentence_start(self.words)} should give {self.quantity} to {spread_in_words(self.sd_after)}"
-            f"{rest} (95 %, an estimate). It costs {self.price}; jointbayes plan ranks the others."
-        )
-
-
-def spread_in_words(sd: float) -> str:
-    """The 95 % interval of a stiffness around its median, by the standard deviation of its logarithm.
-
-    Examples
-    --------
-    >>> spread_in_words(0.045), spread_in_words(0.5), spread_in_words(9.0)
-    ('±8.8 %', '0.38 to 2.7 times', 'beyond 0.0028 to 360 times')
-    """
-    if sd <= _SMALL:
-        return f"±{percent(_HALF_WIDTH * sd)}"
-    low, high = (float(f"{math.exp(side * _HALF_WIDTH * min(sd, _LARGEST)):.2g}") for side in (-1, 1))
-    return f"{'' if sd <= _LARGEST else 'beyond '}{low:g} to {high:g} times"
 
 
 def next_steps(

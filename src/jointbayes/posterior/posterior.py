@@ -24,6 +24,7 @@ from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.directions import name_directions
+from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
 from jointbayes.posterior.knowledge import (
     KeptKnowledge,
@@ -39,7 +40,7 @@ from jointbayes.posterior.knowledge import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
-from jointbayes.posterior.next_step import NextStep, advice, next_steps
+from jointbayes.posterior.next_step import advice, next_steps
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase

@@ -6,7 +6,8 @@ from typing import Any
 from jointbayes.case.case import AnyCase
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.next_step import NextStep, spread_in_words
+from jointbayes.posterior.fisher import spread_in_words
+from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.model import Table

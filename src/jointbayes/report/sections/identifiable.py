@@ -4,9 +4,9 @@ import numpy as np
 
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
+from jointbayes.posterior.fisher import spread_in_words
 from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict, listed
 from jointbayes.posterior.knowledge import UncertainInputsRow
-from jointbayes.posterior.next_step import spread_in_words
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
