@@ -17,8 +17,8 @@ from tests.structure.imported.nastran_files import superelement, write_punch
 
 pytestmark = pytest.mark.docs
 
-#: Run by tests of their own, of tests/test_workflow.py and of those whose files they show.
-ELSEWHERE = {"without-files.md", "developing.md"}
+#: Run by tests of their own, of tests/test_workflow.py, tests/report/test_export.py and of those whose files they show.
+ELSEWHERE = {"without-files.md", "developing.md", "export.md"}
 #: Pages whose blocks ask what is known under other premises.
 OTHER_PREMISES = ("api.md",)
 
