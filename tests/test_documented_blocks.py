@@ -78,7 +78,7 @@ AROUND = {
     "noise-1": MODES,
     "not-explained-1": FRF,
     "not-explained-4": FRF,
-    "not-identified-3": SPRINGS,
+    "not-identified-2": SPRINGS,
     "several-tests-4": FRF,
 }
 
