@@ -16,7 +16,6 @@ from vibrecords.arrays import Array
 _NORMAL_95 = 1.959963984540054
 _OWN_DRAWS = 2**16
 _FEWEST = 1e-9  # probability above zero of a prior on a stiffness: of less no digits are left
-_OWN_QUANTILES = (np.arange(_OWN_DRAWS) + 0.5) / _OWN_DRAWS
 
 
 _WIDEST = 1e100  # of a coordinate: squares of what is below stay finite
@@ -136,14 +135,9 @@ class Uniform:
 
 @dataclass(frozen=True, eq=False)
 class OwnMarginal:
-    """A prior of one's own on one coordinate: a frozen distribution of scipy.stats, or an object with two methods.
+    """A prior of one's own on one coordinate: a frozen distribution of scipy.stats.
 
-    These are ``log_density(x)``, the normalised log density at coordinates of shape (n,), −inf where impossible, and
-    ``sample(rng, n)``, independent draws of shape (n,).
-
-    A distribution of scipy.stats gives its own quantiles. Of any other they are those of 2¹⁶ draws with a fixed seed,
-    good to about half a per cent of probability; its log density is used as it is. An attribute ``support``, the ends
-    between which it is above zero, is heeded where there is one.
+    Its middle and width are those of 2¹⁶ draws with a fixed seed.
 
     Parameters
     ----------
@@ -153,36 +147,30 @@ class OwnMarginal:
     Raises
     ------
     ModelError
-        If it has neither form, or its draws are not finite numbers.
+        If it is something else, or its draws are not finite numbers.
     """
 
     given: Any
 
     def __post_init__(self) -> None:
-        if not (self._is_scipy or (hasattr(self.given, "log_density") and hasattr(self.given, "sample"))):
+        if not all(hasattr(self.given, name) for name in ("dist", "args", "kwds", "logpdf", "ppf")):
             raise ModelError(
-                f"prior: found {type(self.given).__name__}; expected Normal, Uniform, a frozen distribution of "
-                "scipy.stats, or an object with log_density(x) and sample(rng, n); give one of these"
+                f"prior: found {type(self.given).__name__}; expected Normal, Uniform or a frozen distribution of "
+                "scipy.stats; give one of these, for a law of your own a subclass of scipy.stats.rv_continuous"
             )
         if self._drawn.shape != (_OWN_DRAWS,) or not np.isfinite(self._drawn).all() or not self.sd > 0:
             raise ModelError(
                 f"prior {self!r}: found draws of shape {self._drawn.shape} that are not all finite, or all alike; "
-                f"expected {_OWN_DRAWS} different finite numbers of sample(rng, {_OWN_DRAWS})"
+                f"expected {_OWN_DRAWS} different finite numbers of its rvs"
             )
 
     def __repr__(self) -> str:
-        if not self._is_scipy:
-            return f"own {type(self.given).__name__}"
         arguments = [*map(str, self.given.args), *(f"{name}={value}" for name, value in self.given.kwds.items())]
         return f"scipy.stats.{self.given.dist.name}({', '.join(arguments)})"
 
     @cached_property
-    def _is_scipy(self) -> bool:
-        return all(hasattr(self.given, name) for name in ("dist", "args", "kwds", "logpdf", "ppf"))
-
-    @cached_property
     def _drawn(self) -> Array:
-        """Draws in rising order, from which follows what an object of one's own does not say."""
+        """Draws in rising order."""
         return np.sort(np.asarray(self.sample(np.random.default_rng(0), _OWN_DRAWS), dtype=float))
 
     @cached_property
@@ -199,8 +187,7 @@ class OwnMarginal:
     @cached_property
     def support(self) -> tuple[float, float]:
         """Where the density is above zero, as far as the distribution says."""
-        ends = self.given.support() if self._is_scipy else getattr(self.given, "support", (-math.inf, math.inf))
-        low, high = ends() if callable(ends) else ends
+        low, high = self.given.support()
         return float(low), float(high)
 
     @property
@@ -211,26 +198,19 @@ class OwnMarginal:
     def log_density(self, theta: Array) -> Array:
         """Log density; θ of any shape."""
         flat = np.ravel(theta)
-        value = self.given.logpdf(flat) if self._is_scipy else self.given.log_density(flat)
-        return np.asarray(value, dtype=float).reshape(np.shape(theta))
+        return np.asarray(self.given.logpdf(flat), dtype=float).reshape(np.shape(theta))
 
     def cdf(self, theta: Array) -> Array:
         """Probability below θ; of any shape."""
-        if self._is_scipy:
-            return np.asarray(self.given.cdf(theta))
-        return np.interp(theta, self._drawn, _OWN_QUANTILES)
+        return np.asarray(self.given.cdf(theta))
 
     def ppf(self, probability: Array) -> Array:
         """θ below which there is so much probability; of any shape."""
-        if self._is_scipy:
-            return np.asarray(self.given.ppf(probability))
-        return np.interp(probability, _OWN_QUANTILES, self._drawn)
+        return np.asarray(self.given.ppf(probability))
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Independent draws, shape (size,)."""
-        if self._is_scipy:
-            return np.asarray(self.given.rvs(size=size, random_state=rng))
-        return np.asarray(self.given.sample(rng, size))
+        return np.asarray(self.given.rvs(size=size, random_state=rng))
 
 
 @dataclass(frozen=True)
