@@ -122,7 +122,6 @@ class CampaignCase:
 
     def _judged(self, base: CaseText, values: Mapping[str, Any]) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
         data, places = dict(base.data), {(): (str(self.path), 1), **base.places}
-        data.pop("extends", None)  # the text that it builds on is merged already
         table, _, line = self.where.rpartition(":")
         for key, value in values.items():
             parts = key_parts(key)
