@@ -26,7 +26,7 @@ _DAMPED, _DAMPED_NARROW, _NARROW, _DAMPED_COHERENT = 2.0, 4.0, 3.0, 1.0
 #: a third of its amplitude left at the end of the block.
 _UNRESOLVED = 0.35
 #: With noise unknown, a mode of few lines is worth so many prices.
-_UNTOLD = 2.0
+_UNTOLD = 4.0
 #: Damping ratios above this are of a background.
 _MOST_DAMPING = 0.3
 #: A response is coherent with the force if chance would make it as large less often than this.
@@ -211,7 +211,7 @@ class PoleReview:
             #    Where nothing else tells the noise, as at a zero of a hit's force, the data must insist.
             by_line = np.sort(problem.gain_by_line(self.poles, i))[:-ON_LINES].sum()
             unknown = self.squares is None and not self.told and width < _NARROW
-            if by_line < price * max(1.0, about[i] * correlated[i]) * (_UNTOLD if unknown else 1.0):
+            if by_line < price * max(1.0, about[i]) * correlated[i] * (_UNTOLD if unknown else 1.0):
                 reasons[i] = f"stands on {ON_LINES} lines: a tone, an outlier, or a zero of the force"
                 continue
             # 3. Its response stands out of what is incoherent with the force at its lines.

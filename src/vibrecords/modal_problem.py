@@ -235,7 +235,7 @@ class ModalProblem:
     def inflation(self, poles: ComplexArray) -> Array:
         """By how much more than its stated variance noise counts for each pole, shape (poles,), at least 1."""
         at, about, correlated = self.noise_about(poles)
-        return np.maximum(1.0, np.maximum(at, about) * correlated)
+        return np.maximum(1.0, np.maximum(at, about)) * correlated
 
     def noise_about(self, poles: ComplexArray) -> Array:
         """Powers of what is left at and about each pole, over the noise, and by how much correlation multiplies them.
