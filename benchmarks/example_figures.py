@@ -22,7 +22,6 @@ import jointbayes as jb
 from benchmarks import example_data
 from jointbayes.frf import Ports
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import add_strokes, extremes, logarithmic, panels, points_of_polyline, svg
 from jointbayes.report.frf_curves import frf_unit
 from jointbayes.report.line_plot import SERIES_COLOURS
@@ -86,7 +85,7 @@ def _frfs(posterior: Posterior, test: str) -> list[Kept]:
     frf, prior, theta = problem.test.data.frf, problem.prior, posterior.estimate.theta
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     band = posterior.predict_frf(test=test or None)
-    best = frfs_as_measured(problem, ports, frf.quantity, prior.values(theta)[None], prior.factors(theta)[None])[0]
+    best = problem.frfs_as_measured(ports, frf.quantity, prior.values(theta)[None], prior.factors(theta)[None])[0]
     found = []
     for i, j in np.ndindex(len(frf.outputs), len(frf.inputs)):
         at = (slice(None), i, j)

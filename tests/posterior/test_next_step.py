@@ -19,7 +19,6 @@ from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import ratio_of
 from jointbayes.posterior.next_step import next_steps
 from jointbayes.posterior.posterior import gather_knowledge
-from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.sections.lead import lead
 from jointbayes.structure import family_of_recipe, reduce_to_ports
@@ -78,10 +77,12 @@ def test_the_best_gain_is_that_of_finite_differences_of_the_frfs(cheap_posterior
 
 def _information(problem, theta, ports):
     steps = 1e-5 * np.eye(theta.size)
-    frfs = frfs_as_measured(
-        problem, ports, problem.test.data.frfs.frf.quantity, problem.prior.values(np.vstack([theta, theta + steps])),
+    frfs = problem.frfs_as_measured(
+        ports,
+        problem.test.data.frfs.frf.quantity,
+        problem.prior.values(np.vstack([theta, theta + steps])),
         problem.prior.factors(np.vstack([theta, theta + steps])),
-    )[..., 0, 0]  # fmt: skip
+    )[..., 0, 0]
     exact, tip = np.abs(frfs[0]), np.abs(problem.test.data.frfs.frf.values[:, 0, 0])
     # the case's noise, each part: relative to each FRF, and what the sensor at the tip has by itself wherever it is
     sd = np.sqrt(2) * (0.008 * exact + 0.0016 * np.median(tip))
@@ -186,7 +187,7 @@ def test_a_sensor_on_the_clamp_sees_little_but_its_own_noise(cheap_case, relativ
     """|H| at the clamp is 1000 times smaller than at the tip, where the present sensor is."""
     problem, theta = cheap_case.problem, np.log(TABLE_3)
     frf = problem.test.data.frfs.frf
-    tip = frfs_as_measured(problem, Ports(frf.frequency_hz, ("5:y",), frf.inputs), frf.quantity, np.array([TABLE_3]),
+    tip = problem.frfs_as_measured(Ports(frf.frequency_hz, ("5:y",), frf.inputs), frf.quantity, np.array([TABLE_3]),
                            np.ones((1, 0)))[0]  # fmt: skip
     sd = relative * np.abs(tip) + floor * np.median(np.abs(tip))
     data = jb.FrfData(replace(frf, values=tip), 2 * sd**2)
@@ -212,7 +213,7 @@ def test_a_sensor_on_the_clamp_sees_little_but_its_own_noise(cheap_case, relativ
 def test_each_kind_of_sensor_has_a_noise_of_its_own(cheap_case):
     frf = cheap_case.problem.test.data.frfs.frf
     ports = Ports(frf.frequency_hz, ("5:y", "5:rz"), ("5:y", "4:y"))
-    both = frfs_as_measured(cheap_case.problem, ports, frf.quantity, np.array([TABLE_3]), np.ones((1, 0)))[0]
+    both = cheap_case.problem.frfs_as_measured(ports, frf.quantity, np.array([TABLE_3]), np.ones((1, 0)))[0]
     noise = np.array([[1e-9, 3e-9], [2e-8, 5e-8]])
     sd = 0.01 * np.abs(both) + noise
     data = jb.FrfData(replace(frf, values=both, outputs=ports.outputs, inputs=ports.inputs), 2 * sd**2)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError, require
-from jointbayes.frf import AnyStructure, NaturalFrequencies
+from jointbayes.frf import AnyStructure, NaturalFrequencies, Ports
 from jointbayes.inference.default_prior import default_prior
 from jointbayes.inference.likelihood_base import ResidualKind, Sharing, Term, TestsLikelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
@@ -17,8 +17,9 @@ from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
 from jointbayes.inference.prior import JointPrior
 from jointbayes.inference.test import Test, arranged, columns_of_names, likelihood_of, own_name, require_own_bodies
 from jointbayes.joint import AnyJoint, Joint, Parametrisation, Quantity, joints_of
-from vibrecords import Data
-from vibrecords.arrays import Array, Indices
+from vibrecords import Data, quantity_factor
+from vibrecords import Quantity as FrfQuantity
+from vibrecords.arrays import Array, ComplexArray, Indices
 from vibrecords.modal_ratios import MotionRatio
 
 
@@ -432,6 +433,38 @@ class Problem:
         """Factor on the FRFs of the one test, shape (...), at factors (..., q) of the nuisances; 1 where certain."""
         rows, name = np.asarray(factors, dtype=float), own_name(self.test.name, "gain", self._nuisances)
         return np.ones(rows.shape[:-1]) if name is None else rows[..., self._nuisances.index(name)]
+
+    def frfs_as_measured(
+        self, ports: Ports, quantity: FrfQuantity, stiffness: ArrayLike, factors: ArrayLike
+    ) -> ComplexArray:
+        """Return FRFs of the first test as its measurement would show them without noise, an uncertain gain included.
+
+        Parameters
+        ----------
+        ports, quantity
+            Lines, DOFs and quantity.
+        stiffness
+            Quantities of the joint, shape (n, q).
+        factors
+            Factors of all uncertain quantities in the order of the prior, shape (n, q).
+
+        Returns
+        -------
+        ndarray, shape (n, lines, outputs, inputs)
+            SI units of the quantity.
+
+        Raises
+        ------
+        ModelError
+            If a DOF does not exist.
+        """
+        rows, part = np.asarray(factors, dtype=float), self.part(None)
+        receptance = part.test.receptance_model(ports).receptance(
+            part.parametrisation.matrix(stiffness), part.structural(rows)
+        )
+        receptance *= part.gain(rows)[..., None, None, None]
+        receptance *= quantity_factor(ports.frequency_hz, quantity)[:, None, None]
+        return receptance
 
     @cached_property
     def _frequency_models(self) -> dict[int, NaturalFrequencies]:

@@ -15,7 +15,6 @@ from jointbayes.frf import Ports
 from jointbayes.inference import ModelErrorNoise, Problem, Test
 from jointbayes.joint import Joints
 from jointbayes.posterior.fisher import fisher_information
-from jointbayes.posterior.prediction import frfs_as_measured
 from vibrecords import Antiresonances, FrfData, FrfSet, ModalData, ModeData, ModeShapes, Observed
 from vibrecords.arrays import Array
 
@@ -195,7 +194,7 @@ def frfs_there(part: Problem, ports: Ports, law: VarianceLaw, like: FrfData, the
     """Return the problem of one test with other FRFs as its data, exact where θ, shape (d,), is the truth."""
     part, noise = replace(part, extra_log_likelihood=None), part.test.noise  # what else is known is known once
     quantity = like.frf.quantity
-    values = frfs_as_measured(part, ports, quantity, part.prior.values(theta), part.prior.factors(theta))[0]
+    values = part.frfs_as_measured(ports, quantity, part.prior.values(theta), part.prior.factors(theta))[0]
     frf = FrfSet(ports.frequency_hz, values, ports.outputs, ports.inputs, quantity)
     data = FrfData(frf, law(values), synthetic=True)
     return part.with_test(data=data, noise=noise and noise.fitted_to(data, noise.parts))

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
-from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.rounding import number
 from vibrecords.arrays import Array, ComplexArray
 
@@ -90,7 +89,7 @@ def compare_frfs(part: Problem, theta: Array) -> tuple[ComparedFrf, ...]:
     # 2. Predict them, one θ after the other.
     ports, prior = Ports(lines, frf.outputs, frf.inputs), part.prior
     rows = zip(prior.values(theta), prior.factors(theta), strict=True)
-    predicted = (frfs_as_measured(part, ports, frf.quantity, k[None], more[None])[0] for k, more in rows)
+    predicted = (part.frfs_as_measured(ports, frf.quantity, k[None], more[None])[0] for k, more in rows)
     # 3. Level and correlation of each FRF at each θ, shape (2, n, outputs, inputs).
     levels, correlations = np.stack([level_and_correlation(measured, h, clear) for h in predicted], axis=1)
     if not measured.imag.any():

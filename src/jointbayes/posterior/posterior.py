@@ -42,7 +42,7 @@ from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.next_step import advice, next_steps
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
-from jointbayes.posterior.prediction import FrfPrediction, LeftOut, frfs_as_measured, predict_frf, predict_left_out
+from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import (
     PROBLEM_GROUP,
@@ -611,7 +611,7 @@ class Posterior:
     def _best_frfs(self, part: Problem, frf: FrfSet) -> NDArray[np.complex128]:
         """FRFs of the MAP where others were measured, in their quantity and shape."""
         theta, ports = self.estimate.theta[None], Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-        return frfs_as_measured(part, ports, frf.quantity, part.prior.values(theta), part.prior.factors(theta))[0]
+        return part.frfs_as_measured(ports, frf.quantity, part.prior.values(theta), part.prior.factors(theta))[0]
 
     @property
     def assumptions(self) -> tuple[str, ...]:

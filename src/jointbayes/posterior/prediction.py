@@ -210,45 +210,10 @@ def predict_left_out(problem: Problem, theta: Array, probability: float, seed: i
     return tuple(predicted)
 
 
-def frfs_as_measured(
-    problem: Problem, ports: Ports, quantity: Quantity, stiffness: ArrayLike, factors: ArrayLike
-) -> NDArray[np.complex128]:
-    """FRFs as the measurement would show them without its noise: the gain and all else that was fitted is in them.
-
-    Parameters
-    ----------
-    problem
-        Structure, joint, data and prior.
-    ports, quantity
-        Lines, DOFs and quantity.
-    stiffness
-        Quantities of the joint, shape (n, q).
-    factors
-        Factors of all uncertain quantities in the order of the prior, shape (n, q).
-
-    Returns
-    -------
-    ndarray, shape (n, lines, outputs, inputs)
-        SI units of the quantity.
-
-    Raises
-    ------
-    ModelError
-        If a DOF does not exist.
-    """
-    factor_rows, problem = np.asarray(factors, dtype=float), problem.part(None)
-    receptance = problem.test.receptance_model(ports).receptance(
-        problem.parametrisation.matrix(stiffness), problem.structural(factor_rows)
-    )
-    receptance *= problem.gain(factor_rows)[..., None, None, None]
-    receptance *= quantity_factor(ports.frequency_hz, quantity)[:, None, None]
-    return receptance
-
-
 def predict_frf(
     problem: Problem, theta: ArrayLike, ports: Ports, quantity: Quantity, probability: float
 ) -> FrfPrediction:
-    """Summarise the FRFs of a set of draws, θ (n, d), line by line, see `frfs_as_measured`.
+    """Summarise the FRFs of a set of draws, θ (n, d), line by line, see `Problem.frfs_as_measured`.
 
     What errors of measured bodies make of the FRFs is drawn as well, unless they are ignored.
 
@@ -259,7 +224,7 @@ def predict_frf(
     """
     require(ports, Ports, "FRF prediction: found as ports", "jb.Ports(frequency_hz, outputs, inputs); make it")
     require_probability(probability, "FRF prediction")
-    values = frfs_as_measured(problem, ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
+    values = problem.frfs_as_measured(ports, quantity, problem.prior.values(theta), problem.prior.factors(theta))
     if problem.test.measured_bodies and not problem.test.ignores_noise_of_bodies:
         values += _errors_of_bodies(problem, ports, quantity, np.atleast_2d(np.asarray(theta, dtype=float)))
     return frf_band(values, ports, quantity, probability)
@@ -369,7 +334,7 @@ def further_measurement(problem: Problem, theta: Array) -> str:
     prior = problem.prior
     try:
         ports = Ports(lines, candidates, inputs)
-        frf = frfs_as_measured(part, ports, "receptance", prior.values(theta), prior.factors(theta))
+        frf = part.frfs_as_measured(ports, "receptance", prior.values(theta), prior.factors(theta))
     except JointBayesError:  # a body given by its FRFs has them at its measured DOFs alone
         return ""
     frf = frf[..., 0] if measured is not None else np.diagonal(frf, axis1=2, axis2=3)

@@ -8,7 +8,6 @@ import numpy as np
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.prediction import frfs_as_measured
 from jointbayes.report.canvas import extremes
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot
 from vibrecords import FrfSet, Quantity
@@ -63,7 +62,7 @@ def frf_curves(
     stiffness = [problem.first_guess, prior.values(theta), *([] if iterated is None else [iterated.stiffness])]
     # the first guess is one of the joint: all else is as at the MAP, so that the curves differ by the joint alone
     factors = np.stack([prior.factors(theta)] * len(stiffness))
-    guess, best, *others = frfs_as_measured(problem, ports, frf.quantity, np.array(stiffness), factors)
+    guess, best, *others = problem.frfs_as_measured(ports, frf.quantity, np.array(stiffness), factors)
     sizes = band.magnitude_low, band.magnitude, band.magnitude_high
     turns = (np.exp(1j * np.radians(angle)) for angle in (band.phase_deg_low, band.phase_deg, band.phase_deg_high))
     low, median, high = ((size * turn).astype(np.complex128) for size, turn in zip(sizes, turns, strict=True))

@@ -212,6 +212,6 @@ _READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
     "lvm": lambda path, _: records_of_tables(read_lvm(path)),
     "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
     "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
-    "xlsx": read_xlsx,
+    "xlsx": lambda path, layout: read_xlsx(path, lambda table: records_of_tables([table], layout)),
     **{kind: partial(_array_records, kind=kind) for kind in ("mat", "mat4", "mat73", "npz", "hdf5")},
 }

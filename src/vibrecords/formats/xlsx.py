@@ -1,7 +1,7 @@
 """Tables in Excel workbooks (``.xlsx``): each sheet that holds one, read as a table in text is."""
 
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import replace
 from itertools import chain
@@ -10,7 +10,6 @@ from typing import Any
 
 from vibrecords.errors import MeasurementError
 from vibrecords.formats.array_files import zip_entries
-from vibrecords.formats.table import records_of_tables
 from vibrecords.formats.table_text import ColumnTable, Lines, read_text_table
 from vibrecords.records import Record, reading_package, refuse_damage
 
@@ -18,11 +17,11 @@ from vibrecords.records import Record, reading_package, refuse_damage
 _MOST_BYTES, _MOST_CELLS, _MOST_SHEETS = 2**29, 20_000_000, 50
 
 
-def read_xlsx(path: Path, layout: Mapping[str, str]) -> Generator[Record, None, None]:
+def read_xlsx(path: Path, records_of: Callable[[ColumnTable], Iterable[Record]]) -> Generator[Record, None, None]:
     """Records of all sheets that hold a table, with a note on which that is and on the sheets that hold none.
 
     A sheet with the columns of one before it holds the next hit. The title of a sheet names the response of an FRF
-    whose columns do not, where there are several.
+    whose columns do not, where there are several. `records_of` makes the records of one table.
 
     Raises
     ------
@@ -59,7 +58,7 @@ def read_xlsx(path: Path, layout: Mapping[str, str]) -> Generator[Record, None, 
         comments = table.comments if len(tables) == 1 else {"channel": title, **table.comments}
         hit = before.count(names) if several else None
         try:
-            made[title] = [*records_of_tables([replace(table, comments=comments, hit=hit)], layout)]
+            made[title] = [*records_of(replace(table, comments=comments, hit=hit))]
         except MeasurementError as error:
             refused[title] = error
     if not made:
