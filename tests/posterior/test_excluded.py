@@ -112,7 +112,15 @@ def test_twice_the_fall_of_the_log_likelihood_is_held_against_the_limit(joint, m
         thinned=lambda _: at + np.linspace(-0.01, 0.01, 5)[:, None],
         solutions=SimpleNamespace(nearest=lambda points: np.zeros(len(points), dtype=int)),
     )
-    rigid = by_kind(simpler_joints(posterior))["rigid"]
+    joints = by_kind(simpler_joints(posterior))
+    rigid = joints["rigid"]
+    # a joint gives up as many numbers as it has stiffnesses, an uncoupled one its coupling alone
+    limits = {
+        "rigid": stats.chi2(3).isf(LEVEL),
+        "absent": stats.chi2(3).isf(LEVEL),
+        "uncoupled": stats.chi2(1).isf(LEVEL),
+    }
+    assert {kind: one.limit for kind, one in joints.items()} == pytest.approx(limits)
     measured = np.array([part.test.data.frequency_hz[0] for part in problem.parts])
     sd = np.array([part.test.data.sd_hz[0] for part in problem.parts])
     expected = (((np.array(exact(RIGID)) - measured) / sd) ** 2).sum()

@@ -255,6 +255,18 @@ def test_a_verdict_that_wider_priors_change_becomes_the_less_certain_one_and_say
     )
 
 
+@pytest.mark.parametrize(
+    ("moved", "verdict"), [(1.1, "identified"), (2.0, "weakly identified"), (4.0, "not identified")]
+)
+def test_a_median_that_wider_priors_move_is_judged_by_the_ends_of_both(cheap_posterior, moved, verdict):
+    """k22 is known to a few per cent, so that the ends of both are as far apart as the draws were moved."""
+    theta = cheap_posterior.theta[:4000].copy()
+    theta[:, 2] += math.log(moved)
+    known = widened_by(cheap_posterior, theta).verdict("k22")
+    assert known.verdict == verdict
+    assert known.verdict_reason.startswith("rests on the prior: its median goes from ")
+
+
 @pytest.mark.science
 @pytest.mark.parametrize(
     "wanted", first_in_ci(["truth k22 10 times above", "bound k11 10 times below", "truth k12 100 times below"], 1)

@@ -11,6 +11,7 @@ from benchmarks.made_files import STEP, clock, head, lvm, segment, tdms
 
 from tests.vibrecords.reading import require
 from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, spectrum, time
+from vibrecords.errors import MeasurementError
 from vibrecords.formats import detect_format, iter_records
 from vibrecords.records import TimeRecord
 
@@ -115,6 +116,12 @@ def test_counts_and_clocks_that_disagree_are_said(tmp_path):
     assert record.notes == ("sampling rate 1023.54 Hz from a Delta_X of 3 digits, 0.000977",)
     (record,) = read(tmp_path, lvm(["Force"], [T, A], head(["N"], step=0.001)))
     assert record.notes == ("X_Value goes in steps of 0.000488281, where Delta_X says 0.001: X_Value taken",)
+
+
+def test_an_instant_printed_twice_begins_no_second_hit(tmp_path):
+    twice = np.where(np.arange(16) == 8, T[7], T)
+    with pytest.raises(MeasurementError, match=r"not evenly spaced: a step of 0 s behind 0\.00341797 s"):
+        read(tmp_path, lvm(["Force"], [twice, A], head(["N"])))
 
 
 # ---- TDMS

@@ -75,6 +75,18 @@ def test_the_standard_deviations_are_those_of_many_fits_whether_noise_is_smooth_
     assert np.std(found) / np.median(stated) == pytest.approx(1.0, abs=0.3)  # known to 10 %
 
 
+@pytest.mark.parametrize(("actual", "inflation"), [(0.1, 1.0), (1.0, 1.0), (3.0, 9.0)])
+def test_noise_counts_by_its_power_and_never_for_less_than_stated(actual, inflation):
+    """White noise of `actual` times the stated standard deviation, about one mode that is known exactly."""
+    lines, truth, ratio, stated = np.arange(100.0, 300.0, 0.1), 200.0, 0.01, 0.01
+    exact = truth**2 / (truth**2 - lines**2 + 2j * ratio * truth * lines)
+    noise = actual * stated * (np.random.default_rng(1).standard_normal((2, lines.size)).T @ [1, 1j]) / np.sqrt(2)
+    problem = ModalProblem(lines, (exact + noise)[:, None], np.full((lines.size, 1), 1 / stated), "receptance")
+    found = problem.inflation(pole_of(np.array([2 * np.pi * truth]), np.array([ratio])))
+    assert found == pytest.approx(inflation, rel=0.3)
+    assert found >= 1
+
+
 def bumps_that_turn_the_other_way(size):
     """A drive point with one mode at 18.6 Hz, 1.2 %; above 42 Hz smooth bumps whose phase rises, without coherence."""
     mode = -(LINES**2) / (18.6**2 - LINES**2 + 2j * 0.012 * 18.6 * LINES)
