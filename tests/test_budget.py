@@ -7,8 +7,8 @@ import numpy as np
 
 import jointbayes as jb
 from jointbayes.identification import ModeSearch, first_starts, search_further
+from jointbayes.posterior.next_step import advice
 from jointbayes.progress import BUDGET_S, Budget, usual_budget_s
-from jointbayes.report.sections.lead import _next
 from jointbayes.report.sections.trust import _calculation
 from jointbayes.sampling import Proposal, StudentT, released_draws, run_adapted, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
@@ -97,5 +97,5 @@ def test_a_run_out_of_time_is_reported_with_its_draws(cheap_case):
     assert "(budget_s)" in posterior.reason
     assert len(posterior.theta) > 0
     inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
-    assert "Raise `budget_s` in `[sampling]`" in _next(inputs)
+    assert advice(posterior, ()) == "Raise budget_s in [sampling] and run again."
     assert "[sampling] budget_s" in _calculation(inputs).text

@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import jointbayes as jb
 from jointbayes.reproducibility import code_version, one_blas_thread
-from jointbayes.studies.workers import attempt, packed
+from jointbayes.studies.workers import attempt
 from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS
 
@@ -82,4 +82,4 @@ def test_every_step_runs_on_one_thread(name, first, monkeypatch):
 
 def test_tasks_of_studies_run_on_one_thread():
     with threadpool_limits(2, user_api="blas"):
-        assert set(attempt(code_version(), packed(of_blas, ())).value) == {1}
+        assert attempt(code_version(), of_blas) == ([1] * len(of_blas()), None)

@@ -9,7 +9,7 @@ from benchmarks.walk_through import accelerance
 import jointbayes as jb
 from tests.case.refusal_rows import parts_named
 
-LINES = np.arange(20.0, 1000.0, 8.0)
+LINES = np.arange(20.0, 1000.0, 4.0)  # a mode narrower than a line, without coherence, could be a tone
 NEWTON_PER_VOLT = 0.037
 (CASE,) = parts_named("volts").values()
 VARIANCE = '[data.variance]\nsource = "relative"\nrelative = 0.03\nfloor = 0.0\n'

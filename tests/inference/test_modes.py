@@ -31,7 +31,7 @@ def modes(k: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_ln_l_is_the_sum_of_the_normal_log_densities_of_every_observed_value():
     rng = np.random.default_rng(3)
-    frequency = Observed(rng.uniform(2, 8, (2, 3)), np.array([[0.1, 0.2, 0.3]]))
+    frequency = Observed(np.sort(rng.uniform(2, 8, (2, 3))), np.array([[0.1, 0.2, 0.3]]))
     damping = Observed(np.array([0.02, NAN, 0.01]), np.array([1e-3, 1.0, 2e-3]))
     components = rng.normal(size=(2, 3, 2))
     components[1, 0, 1] = NAN
@@ -55,16 +55,16 @@ def test_antiresonances_and_modal_constants_enter_with_what_the_chain_itself_has
     constants[0, 1, 0] = NAN
     of_constants = ModalConstants(("3:x", "1:x"), ("1:x", "1:x"), Observed(constants, 0.1))
     frequency = Observed(np.array([3.0, 6.0]), 0.2)
-    measured = ModeData(frequency, numbers=(3, 1), zeros=zeros, constants=of_constants)
+    measured = ModeData(frequency, numbers=(1, 3), zeros=zeros, constants=of_constants)
     likelihood = lone_likelihood(CHAIN, GROUND, measured)
     for k in (300.0, 4e4):
         lam, phi = modes(k)
         whole = SPRINGS + np.diag([k, 0, 0])
         held = [linalg.eigvalsh(whole[np.ix_(left, left)], MASSES[np.ix_(left, left)]) for left in ([0, 1], [1, 2])]
         antiresonance = np.sqrt([held[0][0], held[1][0], held[0][1]]) / (2 * np.pi)
-        expected = stats.norm.logpdf([3.0, 6.0], np.sqrt(lam[[2, 0]]) / (2 * np.pi), 0.2).sum()
+        expected = stats.norm.logpdf([3.0, 6.0], np.sqrt(lam[[0, 2]]) / (2 * np.pi), 0.2).sum()
         expected += stats.norm.logpdf(zeros.frequency.values, antiresonance, zeros.frequency.sd).sum()
-        expected += np.nansum(stats.norm.logpdf(constants, (phi[:, [2, 0]] * phi[:, [0]])[[2, 0]], 0.1))
+        expected += np.nansum(stats.norm.logpdf(constants, (phi[:, [2, 0]] * phi[:, [0]])[[0, 2]], 0.1))
         assert likelihood.log_likelihood(np.array([[[k]]]))[0] == pytest.approx(expected, rel=1e-9)
 
 

@@ -37,7 +37,6 @@ def ports(p, outputs=("5:y",), lines=None):
         (lambda p: p.interval("k12", 0.0), f"interval: found probability 0.0; {PROBABILITY}"),
         (lambda p: p.interval("k12", np.nan), f"interval: found probability nan; {PROBABILITY}"),
         (lambda p: p.interval("k13"), "expected one of k11, k12, k22"),
-        (lambda p: p.with_fewer_draws(0), f"with_fewer_draws: found 0; {COUNT}"),
         (lambda p: p.to_arviz("200"), "to_arviz: found megabytes '200'; expected a number, 0 or more"),
         (lambda p: p.to_arviz(np.nan), "to_arviz: found megabytes nan; expected a number, 0 or more"),
         (lambda p: p.to_arviz(-1), "to_arviz: found megabytes -1; expected a number, 0 or more"),
