@@ -139,6 +139,9 @@ def test_every_public_name_is_there_and_is_loaded_at_first_use_only():
         assert getattr(import_module(room), name).__name__ == name
         with pytest.raises(AttributeError, match=f"no attribute '{name}'; it is in {room}$"):
             getattr(jb, name)
+    for name in ("calibrate", "simulate", "hierarchical"):
+        with pytest.raises(AttributeError, match=f"no attribute '{name}'; it went in this version: "):
+            getattr(jb, name)
     code = "import sys, jointbayes; sys.exit(any(name in sys.modules for name in ('numpy', 'scipy', 'xarray')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

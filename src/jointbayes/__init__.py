@@ -35,7 +35,10 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 (any public name)
 
         return version("jointbayes")
     if name not in _HOME_OF:
+        from jointbayes.errors import WENT
+
         moved = f"; it is in {_MOVED[name]}" if name in _MOVED else ""
+        moved = f"; it went in this version: {WENT[name]}" if name in WENT else moved
         raise AttributeError(f"module 'jointbayes' has no attribute {name!r}{moved}")
     return getattr(import_module(_HOME_OF[name]), name)
 

@@ -156,6 +156,7 @@ WENT = {
     "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
     "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
     "calibrate": "simulation-based calibration checks the program itself and is one of its tests",
+    "hierarchical": "the posteriors of a campaign are files; a population of two numbers is a few lines with emcee",
     "plan": "delete the table, jointbayes plan chooses the measurements itself",
     "--assume": "leave it out, jointbayes plan ranks for what the present data say of the joint",
     "--out": "leave it out, the command prints its results; keep them with --json",
