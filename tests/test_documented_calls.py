@@ -106,7 +106,10 @@ FILLED_IN = dict(line.split(" ;; ") for line in parts_named("documented_calls")[
 
 @pytest.mark.science
 @pytest.mark.usefixtures("plain_reports", "rough_proposals")
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto:UserWarning")  # `az.loo` of few draws
 def test_every_call_in_a_line_of_text_is_run(clone):
+    import arviz as az
+
     case = jb.load_case("configs/two_storeys.toml")
     torques = jb.case_from_text("torques", OWN + TORQUES).problem
     jb.campaign("joints.csv", "reports/joints", base="configs/two_storeys.toml")
@@ -114,7 +117,9 @@ def test_every_call_in_a_line_of_text_is_run(clone):
     section = jb.Section.circle(0.02)
     names = {
         "jb": jb,
+        "az": az,
         "case": case,
+        "problem": case.problem,
         "torques": torques,
         "tests": torques.tests,
         "joint": jb.LogStiffness(),

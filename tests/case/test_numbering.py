@@ -1,14 +1,17 @@
 """Natural frequencies that fit better when their modes are counted from another number are doubted, others are not."""
 
+import re
+
 import numpy as np
 import pytest
 
 import jointbayes as jb
 from jointbayes.identification import numbering
-from jointbayes.identification.numbering import SURE, find_numbering
+from jointbayes.identification.numbering import SURE, find_above_rigid, find_numbering
 from jointbayes.inference import ErrorSizes
 from tests.case.refusal_rows import parts_named
-from tests.conftest import CONFIGS, first_in_ci
+from tests.conftest import CONFIGS, cheap_frequencies_text, edited, first_in_ci
+from tests.one_line import says
 
 (BAR,) = parts_named("numbering").values()
 
@@ -118,3 +121,35 @@ def test_a_length_two_per_cent_wrong_is_no_doubt_of_the_numbers():
 def test_no_shipped_case_is_doubted(name):
     case = jb.load_case(CONFIGS / f"{name}.toml")
     assert not any("natural frequencies that fit" in warning.text for warning in case.warnings)
+
+
+#: First natural frequency of the shipped beam as a cantilever, Hz: 1.8751² / 2π √(E/ρ) (d/4) / L².
+CANTILEVER = 1.8751**2 / (2 * np.pi) * np.sqrt(210e9 / 7800) * 0.025 / 4 / 0.36**2
+
+
+def clamped(*frequency: float, more: str = "") -> jb.Case:
+    stated = f"[{', '.join(map(str, map(float, frequency)))}]"
+    text = edited(cheap_frequencies_text(), ("[120.0, 762.0, 2101.0]", stated))
+    return jb.case_from_text("clamped", text + more)
+
+
+@pytest.mark.parametrize(("times", "warned"), [(1.03, False), (1.07, True)])
+def test_a_frequency_above_the_rigid_clamp_s_is_warned_of_but_for_an_error_of_the_model(times, warned):
+    warnings = clamped(times * CANTILEVER, 762.0, 2101.0).warnings
+    assert len(warnings) == warned
+    for warning in warnings:
+        assert warning.key == "data.frequencies_hz"
+        says(warning.text, f"found mode 1 at {times * CANTILEVER:.4g} Hz", "check E, density, length and section")
+        rigid = float(re.search(r"expected at most ([\d.]+) Hz", warning.text)[1])
+        assert rigid == pytest.approx(CANTILEVER, rel=0.005)  # shear and rotary inertia lower it
+
+
+def test_what_is_uncertain_of_the_structure_may_lift_a_frequency():
+    assert find_above_rigid(clamped(1.15 * CANTILEVER).problem).number == 1
+    uncertain = "\n[uncertain.youngs_modulus]\nsd_percent = 15.0\n"
+    assert find_above_rigid(clamped(1.15 * CANTILEVER, more=uncertain).problem) is None
+
+
+def test_a_frequency_above_the_rigid_clamp_s_and_its_other_number_are_one_warning():
+    (warning,) = clamped(1.14 * CANTILEVER, 862.0, 2350.0).warnings
+    says(warning.text, "numbers = [2, 3, 4]; otherwise check E, density, length and section")

@@ -44,7 +44,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import fault_line, toml_text
 from jointbayes.errors import CaseError, JointBayesError, MeasurementError, ModelError, require
 from jointbayes.frf import MeasuredBody, Ports
-from jointbayes.identification.numbering import find_numbering
+from jointbayes.identification.numbering import find_above_rigid, find_numbering
 from jointbayes.inference import ErrorSizes, Problem, in_workshop
 from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
@@ -140,7 +140,8 @@ class Case:
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
                 exact = "model" in problem.exact
                 doubt = find_numbering(problem, None if exact else problem.model_error or ErrorSizes())
-                warnings += numbering_warnings(doubt, texts[name], measured.provenance is not None)
+                above = find_above_rigid(problem)
+                warnings += numbering_warnings(doubt, above, texts[name], measured.provenance is not None)
         for test in self.tests:  # by the prior that the text states: another may be put in its place to a purpose
             warnings += truth_warnings(test.spec, test.source, prior_of([test])[0])
         return tuple(dict.fromkeys(warnings))

@@ -12,7 +12,7 @@ from jointbayes.case.spec.structure_tables import BeamSpec, FrameSpec, Structure
 from jointbayes.case.spec.whole import CaseSpec
 
 if TYPE_CHECKING:
-    from jointbayes.identification.numbering import Renumbered
+    from jointbayes.identification.numbering import AboveRigid, Renumbered
     from jointbayes.inference import JointPrior
     from vibrecords.provenance import Provenance
 
@@ -240,11 +240,19 @@ def level_warnings(log_ratio: float, gain: bool, text: CaseText) -> tuple[InputW
     return text.warnings([Finding(("data", "file"), fault, "the level of this structure", remedy)])
 
 
-def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: bool) -> tuple[InputWarning, ...]:
-    """A doubt of the numbers of measured modes, or of their unit, as `find_numbering` finds it."""
+def numbering_warnings(
+    doubt: Renumbered | None, above: AboveRigid | None, text: CaseText, from_files: bool
+) -> tuple[InputWarning, ...]:
+    """One doubt of measured modes: of their numbers or unit, or of a frequency that no joint reaches."""
+    loc, structure = ("data", "file") if from_files else ("data", "frequencies_hz"), ""
+    if above is not None:
+        structure = f"check E, density, length and section, with which a rigid joint has mode {above.number} at "
+        structure += f"{above.rigid_hz:.4g} Hz"
     if doubt is None:
-        return ()
-    loc = ("data", "file") if from_files else ("data", "frequencies_hz")
+        if above is None:
+            return ()
+        oddity = f"found mode {above.number} at {above.measured_hz:.4g} Hz, more than 5 % above any joint's"
+        return text.warnings([Finding(loc, oddity, f"at most {above.rigid_hz:.4g} Hz", structure)])
     oddity = f"found natural frequencies that {doubt.words}"
     if doubt.rad_per_s:
         return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π if they are not")])
@@ -252,6 +260,7 @@ def numbering_warnings(doubt: Renumbered | None, text: CaseText, from_files: boo
     remedy = f'if they are these, write kind = "modes" with numbers = [{", ".join(map(str, doubt.other))}]'
     if not doubt.better:
         remedy += "; look below and between them for modes that were missed, or add a second sensor"
+    remedy += f"; otherwise {structure}" if structure else ""
     return text.warnings([Finding(loc, oddity, expected, remedy)])
 
 

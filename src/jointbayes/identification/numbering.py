@@ -21,6 +21,9 @@ RAD_PER_S = 1 / (2 * math.pi)  # Hz
 _DRAWS, _CLIMBS, _MOST_STEPS = 300, 2, 30
 _WEIGHED = 2  # the numberings nearest to the measured frequencies whose evidence is compared with that of the stated
 _SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
+_RIGID = 1e30  # N/m and N·m/rad
+_RIGID_DRAWS = 50  # of what is uncertain of the structure
+_ABOVE_RIGID = 1.05  # of measured frequencies over those with rigid joints: E to 3 %, length to 0.5 % come to 2 %
 _AT_END = 1e-3  # standard deviations of the prior within which a coordinate counts as at an end of its range
 
 
@@ -52,6 +55,15 @@ class Renumbered:
         if self.better:
             return f"fit far better as those of modes {other} than of modes {stated}: {odds}"
         return f"fit about as well as those of modes {other} as of modes {stated}: {odds}"
+
+
+@dataclass(frozen=True, slots=True)
+class AboveRigid:
+    """A mode whose measured frequency, in Hz, is above the one that it has with rigid joints."""
+
+    number: int
+    measured_hz: float
+    rigid_hz: float
 
 
 def find_numbering(problem: Problem, sizes: ErrorSizes | None = None) -> Renumbered | None:
@@ -96,6 +108,34 @@ def find_numbering(problem: Problem, sizes: ErrorSizes | None = None) -> Renumbe
         return None
     other = tuple(number + shift for number in measured.numbers)
     return Renumbered(measured.numbers, other, gain, unit_hz != 1)
+
+
+def find_above_rigid(problem: Problem) -> AboveRigid | None:
+    """Look for a measured natural frequency that no joint reaches, because a rigid joint has a lower one.
+
+    A natural frequency rises with every stiffness of the joints. What is uncertain takes values of the prior.
+
+    Returns
+    -------
+    AboveRigid
+        The mode farthest above; None if each is at most 5 % above, which the model may miss.
+    """
+    measured = problem.test.data.modes
+    if measured is None or measured.match == "shape" or problem.test.measured_bodies:
+        return None
+    body, joints, count = problem.test.structures, problem.test.joints, max(measured.numbers)
+    draws = problem.prior.sample(np.random.default_rng(0), _RIGID_DRAWS)
+    factors = np.unique(problem.structural(problem.prior.factors(draws)), axis=0)
+    with np.errstate(all="ignore"):
+        try:
+            model = NaturalFrequencies(body.at(joints.labels, least_reach_hz(body, joints, count)), joints, count)
+            rigid = model.frequency_hz(np.tile(_RIGID * np.eye(joints.size), (len(factors), 1, 1)), factors).max(axis=0)
+        except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):  # the run itself will say it
+            return None
+    highest = rigid[np.array(measured.numbers) - 1]
+    worst = int(np.argmax(measured.frequency_hz / highest))
+    found, limit = float(measured.frequency_hz[worst]), float(highest[worst])
+    return AboveRigid(measured.numbers[worst], found, limit) if found > _ABOVE_RIGID * limit else None
 
 
 def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, float]]:
