@@ -319,7 +319,7 @@ _COMPLEX = re.compile(
 )
 _LONGEST_LINE = 8 * 2**20
 _LONGEST_HEADER = 1000
-_BLOCK = 20_000  # lines that are parsed at once
+_BLOCK = 1000  # lines that are parsed at once: as text they take several times the memory of their numbers
 #: Signs that begin a comment.
 _COMMENT = ("#", "%", "*", "!")
 #: Words that blanks part, each with its unit in brackets.
@@ -681,7 +681,7 @@ def _cells(line: _TableHead, delimiter: str, count: int) -> list[str]:
 
 def _numbers(lines: Iterator[tuple[int, str]], delimiter: str, count: int) -> tuple[Array, dict[int, int]]:
     """As `read_rows`: by NumPy, four times as fast, up to the first block of lines that holds more than plain rows."""
-    plain: list[Array] = []
+    plain = array("d")
     point, block = False, []
     while block := list(itertools.islice(lines, _BLOCK)):
         texts = [text for _, text in block]
@@ -692,11 +692,10 @@ def _numbers(lines: Iterator[tuple[int, str]], delimiter: str, count: int) -> tu
             break
         if numbers.shape != (len(block), count):
             break
-        plain.append(numbers)
+        plain.frombytes(numbers.tobytes())
         point = point or any("." in text for text in texts)
     rows = _split_rows(itertools.chain(block, lines), delimiter, count, point=point)
-    values, gaps = read_rows(rows, count)
-    return np.vstack([*plain, values]), gaps
+    return read_rows(rows, count, plain)
 
 
 def _split_rows(
@@ -723,17 +722,19 @@ def _split_rows(
         yield number, fields
 
 
-def read_rows(rows: Iterable[tuple[int, list[str]]], count: int) -> tuple[Array, dict[int, int]]:
+def read_rows(
+    rows: Iterable[tuple[int, list[str]]], count: int, before: "array[float] | None" = None
+) -> tuple[Array, dict[int, int]]:
     """All rows as one array, NaN for empty fields; and by column the line of an empty field that numbers follow.
 
-    Text is not kept, so that memory stays below the file's size.
+    Text is not kept, so that memory stays below the file's size. Rows are added to the numbers of rows before.
 
     Raises
     ------
     MeasurementError
         If a row has another number of fields, or a field is neither empty nor a number.
     """
-    numbers = array("d")
+    numbers = array("d") if before is None else before
     empty: dict[int, int] = {}
     gaps: dict[int, int] = {}
     for number, fields in rows:
