@@ -237,8 +237,9 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
             square, width = from_coherence or (left, n_lines)
             weight = _weight_of_squares(square, width, model)
             # where the fit leaves more than that, as where the force is nearly zero, that is the noise
+            # (mirrored at the ends, because the first line if repeated would alone set the noise there)
             if all_known or from_coherence is None:
-                level = scipy.ndimage.median_filter(left * weight**2, (_LOCAL, 1), mode="nearest") / np.log(2)
+                level = scipy.ndimage.median_filter(left * weight**2, (_LOCAL, 1), mode="reflect") / np.log(2)
                 weight /= np.sqrt(np.maximum(level, _LEAST_LEVEL if from_coherence is None else 1.0))
             problem = ModalProblem(frequency, values, weight, frf.quantity)
             poles = problem.search(poles, further)

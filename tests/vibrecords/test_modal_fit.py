@@ -65,6 +65,14 @@ def test_errors_are_as_large_as_stated(stated, sets):
     assert abs(np.mean(found)) < 0.4
 
 
+@pytest.mark.parametrize("seed", [1, 6, 9, 21])
+def test_unknown_noise_at_the_ends_of_the_band_is_judged_from_many_lines(seed):
+    """If the first line alone set the noise next to it, the smooth terms of the fit would follow it exactly."""
+    fit = fit_modes(beam_frf(seed).frf)
+    assert fit.doubtful == ()
+    assert np.abs(scores(fit.modes, true_frequencies(), [0.01] * 3)).max() < 4
+
+
 @pytest.mark.science
 def test_close_modes_are_told_apart_and_none_is_invented():
     frf, variance = plate_frf(np.random.default_rng(1))
