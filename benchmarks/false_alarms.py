@@ -60,11 +60,12 @@ def text_of(kind: str, index: int) -> str:
         noisy = exact + np.hypot(0.005 * exact, 0.5) * rng.standard_normal(3)
         # the stated sd is a fraction of the measured frequency: a second-order difference
         return re.sub(r"(?m)^frequencies_hz = .*$", f"frequencies_hz = {noisy.round(6).tolist()}", text, count=1)
+    if kind == "several FRFs":  # of a file: `problem_of` draws their noise
+        return text + '\n[noise]\ndistribution = "student_t"\ndof = 6.0\n'
     before, table, after = text.partition("[data.noise]")
     if not table:
         raise SystemExit(f"{KINDS[kind]}: found no [data.noise]; expected its seed")
-    changed = before + table + re.sub(r"(?m)^seed = \d+", f"seed = {1000 + index}", after, count=1)
-    return changed + '\n[noise]\ndistribution = "student_t"\ndof = 6.0\n' if kind == "several FRFs" else changed
+    return before + table + re.sub(r"(?m)^seed = \d+", f"seed = {1000 + index}", after, count=1)
 
 
 def problem_of(kind: str, index: int, case: jb.Case) -> jb.Problem:

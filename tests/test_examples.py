@@ -109,7 +109,7 @@ def test_the_files_of_the_imported_bar_are_those_of_the_script(tmp_path):
     from benchmarks import solid_data
 
     solid_data.write_model(tmp_path / "made.npz")
-    made, shipped = map(jb.read_structure, (tmp_path / "made.npz", solid_data.MODEL))
+    made, shipped = (jb.read_structure(path, length_unit="m") for path in (tmp_path / "made.npz", solid_data.MODEL))
     for name in ("stiffness", "mass"):
         one, other = getattr(made, name), getattr(shipped, name)
         assert abs(one - other).max() < 1e-9 * abs(other).max()

@@ -166,6 +166,7 @@ def _understood(case: "Case") -> list[str]:
     for test in case.problem.tests:
         told = re.sub(r"\b[A-Z]\w+\(|\)", "", str(test))  # without names of classes
         told = re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", told)
+        told = told.replace(f"joint: {test.joints}", "\n".join(f"joint: {joint}" for joint in test.joints.joints))
         model = list(_model_rows(test))
         rows += [*(_in_words(line, model) for line in told.split("\n")), *model]
     prior = case.problem.prior
