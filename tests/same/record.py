@@ -30,7 +30,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+|\s×\s10[�
 _SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 _PASSING_TEXT = (
     (re.compile(r"\b\d+\.\d+\.\d+(\+[0-9a-f]+)?\b"), "VERSION"),
-    (re.compile(r"(?<=effective draws in )[\d.]+ s\b"), "TIME"),
+    (re.compile(r"(?:(?<=effective draws in )|(?<=importance sampling in ))[\d.]+ s\b"), "TIME"),
 )
 _BLOCKS = {"p", "li", "tr", "div", "h1", "h2", "h3", "h4", "figcaption", "caption", "dt", "dd", "section", "summary"}
 _UNREAD = {"script", "style", "pre", "title"}  # the listing of the case is what was read, not what was found

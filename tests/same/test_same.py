@@ -115,6 +115,7 @@ def test_a_page_is_read_as_a_person_reads_it_without_versions_and_times():
     page = """<html><head><title>T</title><style>p { color: red }</style></head><body><h1>Clamp</h1>
     <p>Settled. Good to <strong>1.23456789 %</strong>; k &lt; 2. The time: jointbayes 0.1.0+0a1b2c3d4e5f.</p>
     <p>It left 1625 effective draws in 3.2 s, seed 1.</p>
+    <p>8000 independent draws by importance sampling in 0.9 s, seed 1.</p>
     <table><tr><th>numpy</th><td>2.4.6</td></tr></table><pre>title = "x"</pre>
     <script>let a = "<p>no</p>"</script></body></html>"""
     assert sentences(page) == [
@@ -123,6 +124,7 @@ def test_a_page_is_read_as_a_person_reads_it_without_versions_and_times():
         "Good to 1.2346 %; k < 2.",
         "The time: jointbayes VERSION.",
         "It left 1625 effective draws in TIME, seed 1.",
+        "8000 independent draws by importance sampling in TIME, seed 1.",
         "numpy | VERSION",
     ]
 
