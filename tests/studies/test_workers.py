@@ -156,6 +156,7 @@ def test_workers_end_with_their_driver_however_it_ends_and_remove_what_is_half_w
         time.sleep(0.05)
     assert not alive(worker)
     assert not list(tmp_path.glob(".half-*"))
+    multiprocessing.util.get_temp_dir()  # that of this process, which would be made among these if this test ran first
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     assert len(list(temporary.glob("pymp-*"))) == (2 if number == signal.SIGKILL else 1)
     list(run_tasks(task_functions.square, numbered(1), workers=1))  # the next start removes what a killed driver left
