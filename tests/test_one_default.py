@@ -25,6 +25,9 @@ class Triangle(stats.rv_continuous):
     def _pdf(self, x):
         return 1 - np.abs(x)
 
+    def _cdf(self, x):
+        return np.where(x < 0, (1 + x) ** 2 / 2, 1 - (1 - x) ** 2 / 2)
+
     def _ppf(self, q):
         return np.where(q < 0.5, np.sqrt(2 * q) - 1, 1 - np.sqrt(2 * (1 - q)))
 
