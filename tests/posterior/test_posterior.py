@@ -274,8 +274,11 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         assert loaded.estimate.failed_starts == posterior.estimate.failed_starts
         assert [s.name for s in loaded.estimate.starts] == [s.name for s in posterior.estimate.starts]
         if posterior is frequency_posterior:  # the ends of a flat region take seconds, found once for both
+            found = posterior
             judged_as(loaded, posterior)
-        assert summarise(loaded, INITIAL, MEASURED_HZ).to_json() == summarise(posterior, INITIAL, MEASURED_HZ).to_json()
+        else:  # what other tests asked of the shared one first may have led a climb elsewhere by its last digits
+            found = dataclasses.replace(posterior)
+        assert summarise(loaded, INITIAL, MEASURED_HZ).to_json() == summarise(found, INITIAL, MEASURED_HZ).to_json()
 
 
 def rewritten(path, change):
