@@ -54,6 +54,8 @@ def test_each_command_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("small.toml").write_text(SMALL, encoding="utf-8")
     Path("other.toml").write_text(SMALL, encoding="utf-8")
+    frf = jointbayes.case_from_text("small", SMALL).problem.test.data.frf
+    vibrecords.write_frf(frf, "tip.csv")
     asked = '[predict]\noutputs = ["5:y"]\ninputs = ["5:y"]\nf_min_hz = 20\nf_max_hz = 900\nf_step_hz = 20\n'
     Path("asked.toml").write_text(f"{SMALL}\n{asked}", encoding="utf-8")
     for line, codes in COMMANDS:
