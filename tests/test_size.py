@@ -11,18 +11,18 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 8510),
-    "structure": (3300, 4230),
-    "joint": (1200, 1870),
-    "frf": (2000, 2490),
-    "inference": (2500, 3265),
-    "identification": (1250, 1820),
-    "sampling": (1300, 2760),
-    "posterior": (3700, 6200),
-    "studies": (1700, 5060),
-    "case": (4000, 5370),
-    "report": (2900, 4120),
-    "cli and what stands alone": (1400, 2230),
+    "vibrecords": (6500, 8490),
+    "structure": (3300, 4030),
+    "joint": (1200, 1470),
+    "frf": (2000, 2090),
+    "inference": (2500, 2900),
+    "identification": (1250, 1440),
+    "sampling": (1300, 2120),
+    "posterior": (3700, 5550),
+    "studies": (1700, 1650),
+    "case": (4000, 4800),
+    "report": (2900, 3620),
+    "cli and what stands alone": (1400, 1660),
 }
 
 

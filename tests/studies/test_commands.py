@@ -74,7 +74,9 @@ def test_a_fault_of_the_program_has_an_exit_code_that_means_nothing_else(monkeyp
     monkeypatch.setattr("jointbayes.studies.same.compare_joints", lambda *_: np.zeros(0).reshape(0, -1))
     result = CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--quiet"])
     assert (result.exit_code, result.stdout) == (70, "")
-    assert result.stderr.startswith("jointbayes: a bug in jointbayes: found ValueError in test_commands.py:")
+    assert result.stderr.startswith(
+        "jointbayes: a bug in jointbayes: found ValueError in studies.py:"
+    )  # of the package, and not in what it calls
     assert result.stderr.endswith("please report it, with the case and what JOINTBAYES_DEBUG=1 prints\n")
     assert result.stderr.count("\n") == 1
     told = json.loads(CliRunner().invoke(main, ["same", "case.toml", "case.toml", "--json"]).stdout)

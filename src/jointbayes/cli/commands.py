@@ -127,7 +127,9 @@ class _Commands(click.Group):
         except Exception as error:  # Python's own exit code would be 1, which is an answer
             if os.environ.get("JOINTBAYES_DEBUG"):
                 traceback.print_exc()
-            ours = [step for step in traceback.extract_tb(error.__traceback__) if "site-packages" not in step.filename]
+            # the last line of our own, wherever we are installed: this file is among them
+            homes = tuple(str(Path(__file__).parents[2] / name) + os.sep for name in ("jointbayes", "vibrecords"))
+            ours = [step for step in traceback.extract_tb(error.__traceback__) if step.filename.startswith(homes)]
             place = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}"
             found = " ".join(f"{type(error).__name__} in {place}: {error}".split())
             remedy = "please report it, with the case and what JOINTBAYES_DEBUG=1 prints"
