@@ -9,6 +9,16 @@ from typing import Literal
 import numpy as np
 import scipy  # its parts load at first use
 
+from benchmarks.simulated import (
+    ChannelNoise,
+    Hammer,
+    Rig,
+    channel_label,
+    hammer_records,
+    lines_apart,
+    noisy_frf,
+    shaker_records,
+)
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.case.case_objects import CaseTest, generator_of, true_family, true_stiffness
 from jointbayes.case.spec.data_table import SyntheticFrfSpec
@@ -23,8 +33,7 @@ from vibrecords.formats import records_of_frf
 from vibrecords.records import Record, TimeRecord
 from vibrecords.signals.impact import frfs_of_hits
 from vibrecords.signals.spectra import ImpactSettings, MadeFrfs, ShakerSettings, frfs_of_shaker
-from vibrecords.signals.windows import effective_averages, lines_apart
-from vibrecords.simulated import ChannelNoise, Hammer, Rig, channel_label, hammer_records, noisy_frf, shaker_records
+from vibrecords.signals.windows import effective_averages
 
 _AVERAGES = 10  # where neither the virtual test nor the noise of the data states a number
 #: Length of a block times the decay rate of the slowest mode: what is cut off is below any noise; a shaker leaks.

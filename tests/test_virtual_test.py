@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.simulated import noisy_frf
 from benchmarks.virtual_test import Truth, VirtualTest, simulate
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -12,7 +13,6 @@ from tests.one_line import refused
 from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
 from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits
-from vibrecords.simulated import noisy_frf
 
 NOISE = "relative = 0.008 \nfloor = 0.0016"
 

@@ -160,7 +160,7 @@ WENT = {
     "plan": "delete the table, jointbayes plan chooses the measurements itself",
     "--assume": "leave it out, jointbayes plan ranks for what the present data say of the joint",
     "--out": "leave it out, the command prints its results; keep them with --json",
-    "simulate": 'computed data stand in a case as kind = "synthetic_frf"; vibrecords.simulated makes records',
+    "simulate": 'computed data stand in a case as kind = "synthetic_frf"',
     "assembly": "delete the table; with own = true each test has a joint of its own, to be compared in their ratio",
     "virtual_test": "delete the table, nothing is simulated from a case",
     "--resume": "leave it out, a run takes seconds and begins again",

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.simulated import noisy_frf
 from benchmarks.written_files import FORMATS, write_records
 from click.testing import CliRunner
 
@@ -18,7 +19,6 @@ from tests.one_line import refused
 from vibrecords import CoherenceNoise, FrfSet, Quantity
 from vibrecords.formats import records_of_frf
 from vibrecords.records import FrfRecord
-from vibrecords.simulated import noisy_frf
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'

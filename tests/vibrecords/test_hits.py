@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.simulated import half_sine
 
 from vibrecords.errors import MeasurementError
 from vibrecords.records import TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits, is_clipped, reject_overloads
-from vibrecords.simulated import half_sine
 
 RATE = 10_000.0
 BLOCK = HitSettings(block_s=0.1, pretrigger_s=0.01)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.one_line import refused
@@ -21,7 +22,6 @@ from vibrecords.signals.spectra import (
     sort_by_force,
 )
 from vibrecords.signals.windows import added_decay_rate
-from vibrecords.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from vibrecords.variance import coherence_variance
 
 RATE, BLOCK = 4096.0, 2048

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.simulated import lines_apart
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
@@ -10,7 +11,6 @@ from vibrecords.signals.windows import (
     exponential_window,
     independent_step,
     line_correlation,
-    lines_apart,
 )
 
 HANN = signal.get_window("hann", 64)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vibrecords.arrays import POWER_OF_JW, Array, ComplexArray, Indices
+from vibrecords.arrays import POWER_OF_JW, Array, ComplexArray
 from vibrecords.errors import MeasurementError
 from vibrecords.frf_set import FrfSet
 
@@ -181,12 +181,3 @@ def independent_step(correlation: Array) -> int:
     """
     weight = 1 + 2 * float(np.sum(np.abs(correlation[1:]) ** 2))
     return max(math.ceil(weight - 0.05), 1)
-
-
-def lines_apart(frequency_hz: Array, spacing_hz: float) -> Indices:
-    """Numbers of lines that are at least `spacing_hz` apart, from the first on; for even and uneven lines."""
-    kept = [0]
-    for i in range(1, frequency_hz.size):
-        if frequency_hz[i] - frequency_hz[kept[-1]] >= spacing_hz * (1 - 1e-6):
-            kept.append(i)
-    return np.array(kept, dtype=np.intp)

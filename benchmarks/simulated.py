@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from vibrecords.arrays import Array, ComplexArray, Quantity
+from vibrecords.arrays import Array, ComplexArray, Indices, Quantity
 from vibrecords.formats.units import MOTION_OF, SI_SENSOR
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import TimeRecord
@@ -59,6 +59,15 @@ def channel_label(dof: str) -> str:
     """
     node, direction = dof.split(":")
     return f"Point:{node}:{direction.upper()}+"
+
+
+def lines_apart(frequency_hz: Array, spacing_hz: float) -> Indices:
+    """Numbers of lines that are at least `spacing_hz` apart, from the first on; for even and uneven lines."""
+    kept = [0]
+    for i in range(1, frequency_hz.size):
+        if frequency_hz[i] - frequency_hz[kept[-1]] >= spacing_hz * (1 - 1e-6):
+            kept.append(i)
+    return np.array(kept, dtype=np.intp)
 
 
 _NOMINAL_N = 100.0
