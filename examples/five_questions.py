@@ -16,6 +16,7 @@ from matplotlib import pyplot
 from scipy.linalg import eigh
 
 import jointbayes as jb
+from jointbayes.inference import GaussianSpread
 
 TRUTH, LOSS = {"k11": 2e7, "k12": 5e5, "k22": 2e4}, 0.01  # N/m, N, N·m/rad
 LINES = np.arange(20.0, 1500.0, 10.0)
@@ -79,8 +80,10 @@ def ask_corner_and_pandas(posterior, figure):
     return frame.describe(percentiles=[0.025, 0.5, 0.975])
 
 
-class Coarser:
-    """A noise model: what is stated, times a factor. `spread` is all that one of independent Gaussian values needs."""
+class Coarser(GaussianSpread):
+    """The stated noise times a factor. `spread` is all that a law of independent Gaussian values needs."""
+
+    parts = 2  # residuals of FRFs are complex
 
     def __init__(self, factor):
         self.factor = factor
@@ -94,7 +97,7 @@ def unchanged(eigenvalues, shapes, factors):
     return eigenvalues, shapes[None]
 
 
-class BarByModes:
+class BarByModes(jb.Body):
     """A body: the same bar by all of its modes, so that nothing above the band has to be made up for."""
 
     def __init__(self):

@@ -13,7 +13,7 @@ import pytest
 from scipy.special import logsumexp
 
 import jointbayes as jb
-from jointbayes.inference import GaussianNoise, ScaledNoise
+from jointbayes.inference import GaussianNoise, GaussianSpread, NoiseModel, ScaledNoise
 from tests.conftest import CONFIGS
 from tests.one_line import refused
 from tests.structure.long_rod import LongRod
@@ -69,8 +69,10 @@ def test_a_nested_sampler_of_ones_own_finds_the_evidence(asked):
     assert found == pytest.approx(known, abs=3.5 * error + 0.02)
 
 
-class Plain:
-    """A noise model from a notebook: the stated noise times a number, which nothing here says how to write."""
+class Plain(GaussianSpread):
+    """A noise model from a notebook: the stated noise times a number."""
+
+    parts = 2
 
     def __init__(self, factor):
         self.factor = factor
@@ -79,11 +81,10 @@ class Plain:
         return np.full((1, 1, 1), self.factor)
 
 
-class Scaled:
+class Scaled(NoiseModel):
     """The same with the number unknown, written out in full."""
 
-    def __init__(self):
-        self.names = ("noise_scale",)
+    parts, names = 2, ("noise_scale",)
 
     def log_likelihood(self, z, hyper):
         scale = np.asarray(hyper)[:, 0]
@@ -125,7 +126,7 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
 
 
 @pytest.mark.parametrize(("noise", "said"), [
-    (type("Half", (), {"scores": None})(), "found as noise Half without draw; expected draw, scores; write those"),
+    (type("Bare", (NoiseModel,), {"scores": None, "draw": None})(), "found as noise Bare; expected .* with `parts`"),
     (object(), "found as noise object; expected a noise model"),
     (3.0, r"found as noise 3\.0; expected a noise model"),
 ])  # fmt: skip
@@ -134,11 +135,13 @@ def test_what_is_no_noise_model_is_told_in_one_line(noise, said):
 
 
 def test_a_noise_model_without_a_likelihood_is_told_in_one_line():
-    problem = from_arrays(noise=type("Bare", (), {"scores": Scaled.scores, "draw": Scaled.draw})())
+    problem = from_arrays(
+        noise=type("Bare", (NoiseModel,), {"parts": 2, "scores": Scaled.scores, "draw": Scaled.draw})()
+    )
     refused(lambda: problem.log_posterior(np.log(TRUTH)), jb.ModelError, "found Bare without log_likelihood")
 
 
-class Rod:
+class Rod(jb.Body):
     """A body from a notebook with the five things that a body has: a free rod along x, by the modes of `LongRod`."""
 
     def __init__(self):

@@ -40,7 +40,7 @@ class StaticDeflections(Data):
     def band_hz(self):
         return 0.0, 0.0
 
-    def with_values(self, values, *, relative=False):
+    def with_values(self, values):
         return replace(self, deflection=values.reshape(self.sd.shape))
 
 

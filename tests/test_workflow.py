@@ -193,7 +193,6 @@ PROBLEMS = {
         data=jb.FrequencyData(np.array([80.0, 500.0, 1400.0]), np.array([0.1, 0.2, 0.3]))
     ),
     "springs": lambda: from_arrays(prior=JointPrior(PlainSprings(("k22",)), (Normal(10.0, 1.0),))),
-    "magnitude": lambda: from_arrays(residual_kind="log_magnitude"),
     "tests": lambda: Problem(tests=[test_several_tests.LONG, test_several_tests.HEARD], prior=test_several_tests.PRIOR),
     "a free structure": lambda: Problem([test_free_test.FREE, test_free_test.CLAMPED], test_free_test.PRIOR),
 }

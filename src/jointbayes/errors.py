@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-from functools import cache, partial
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
@@ -87,45 +86,6 @@ def require(given: object, kind: Any, what: str, expected: str, within: Callable
         raise ModelError(f"{what} {shown(given)}; expected {expected}")
 
 
-def with_defaults(given: Any, kind: type, what: str) -> Any:  # noqa: ANN401 (any object of one's own)
-    """An object of one's own that has the methods of a kind, with that kind's defaults for all the others.
-
-    What has none of them comes back as it is.
-
-    Raises
-    ------
-    ModelError
-        If it has some of them and lacks others: which.
-    """
-    needed = sorted(getattr(kind, "__abstractmethods__", ()))
-    missing = [name for name in needed if not hasattr(given, name)]
-    if isinstance(given, kind) or len(missing) == len(needed):
-        return given
-    if missing:
-        raise ModelError(
-            f"{what} {type(given).__name__} without {', '.join(missing)}; expected {', '.join(needed)}; write those"
-        )
-    return _with_defaults(type(given), kind, dict(vars(given)))
-
-
-def _with_defaults(own: type, kind: type, values: dict[str, Any]) -> Any:  # noqa: ANN401
-    made: Any = object.__new__(_class_with_defaults(own, kind, tuple(name for name in values if hasattr(kind, name))))
-    made.__dict__.update(values)
-    return made
-
-
-@cache
-def _class_with_defaults(own: type, kind: type, stated: tuple[str, ...]) -> type:
-    """The class `own` as one of a kind; of a property of the kind an instance's own value wins, where it is stated."""
-    space: dict[str, Any] = {name: property(partial(_own_value, name)) for name in stated}
-    space["__reduce__"] = lambda self: (_with_defaults, (own, kind, dict(vars(self))))
-    return type(own.__name__, (own, kind), space | {"__module__": own.__module__, "__qualname__": own.__qualname__})
-
-
-def _own_value(name: str, self: object) -> Any:  # noqa: ANN401
-    return vars(self)[name]
-
-
 def require_probability(given: object, where: str) -> None:
     """Refuse what is no probability inside (0, 1).
 
@@ -154,6 +114,7 @@ WENT = {
     "noise.discrepancy": "use [uncertain.model_error], an error of the model in each mode",
     "noise.model_error": "use [uncertain.model_error], an error of the model in each mode",
     "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
+    "noise.residuals": "delete it, complex FRFs are compared; where the phase is not trusted state modes as data",
     "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
     "calibrate": "simulation-based calibration checks the program itself and is one of its tests",
     "hierarchical": "the posteriors of a campaign are files; a population of two numbers is a few lines with emcee",

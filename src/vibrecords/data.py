@@ -56,8 +56,8 @@ class Data(ABC):
         return {"data": self.words, f"number of {self.words}": shapes, "DOFs": self.dofs}
 
     @abstractmethod
-    def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "Data":
-        """The same with other values; with `relative` what is stated of their noise is a fraction of each.
+    def with_values(self, values: NDArray[Any]) -> "Data":
+        """The same with other values and the stated noise.
 
         Raises
         ------
@@ -201,10 +201,9 @@ class FrfData(Data):
         lines = tuple(frf.frequency_hz.tolist())
         return {"data": "FRFs", "quantity": frf.quantity, "outputs": frf.outputs, "inputs": frf.inputs, "lines": lines}
 
-    def with_values(self, values: NDArray[Any], *, relative: bool = False) -> "FrfData":
+    def with_values(self, values: NDArray[Any]) -> "FrfData":
         """The same with other values, computed, without FRFs at the joint, which these do not hold."""
-        variance = self.variance * np.abs(values / self.frf.values) ** 2 if relative else self.variance
-        return FrfData(replace(self.frf, values=values), variance, synthetic=True, variance_dof=self.variance_dof)
+        return FrfData(replace(self.frf, values=values), self.variance, synthetic=True, variance_dof=self.variance_dof)
 
     def in_short(self, quote: Callable[[str], str] = str) -> str:
         """Quantity, DOFs and lines."""
@@ -351,6 +350,6 @@ class FrequencyData(ModalData):
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
         return f"FrequencyData({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
 
-    def with_values(self, values: Array, *, relative: bool = False) -> "FrequencyData":
+    def with_values(self, values: Array) -> "FrequencyData":
         """The same with other frequencies, shape (n,), Hz."""
         return FrequencyData(values, self.sd_hz)

@@ -444,7 +444,7 @@ class ModeData(ModalData):
         match = self.match if "shape" in parts else "number"
         return self._made_of(parts, shapes=shapes, numbers=tuple(compress(self.numbers, which)), match=match)
 
-    def with_values(self, values: Array, *, relative: bool = False) -> "ModeData":
+    def with_values(self, values: Array) -> "ModeData":
         """The same with other values, in the order of `observed`, shape (m,)."""
         parts, start = {}, 0
         for quantity, part in self._parts.items():

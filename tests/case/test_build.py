@@ -133,8 +133,7 @@ MORE = ("[identification]", "[noise]\n{lines}\n\n[identification]")
     ('distribution = "student_t"\ndof = 7.0', StudentNoise(2, 7.0, False)),
     ('scale = "sampled"\nscale_low_factor = 0.5\nscale_high_factor = 3.0', ScaledNoise(2)),
     ('scale = "integrated"\nscale_dof = 3.0\nscale_guess = 1.5', IntegratedScale(2, 3.0, 1.5)),
-    ('residuals = "log_magnitude"', GaussianNoise(1)),
-], ids=["gaussian", "student", "sampled", "integrated", "magnitude"])  # fmt: skip
+], ids=["gaussian", "student", "sampled", "integrated"])  # fmt: skip
 def test_the_noise_table_chooses_the_distribution_with_its_numbers(lines, expected):
     problem = case_of((MORE[0], MORE[1].format(lines=lines))).problem
     assert (problem.test.noise or GaussianNoise(2)) == expected

@@ -8,7 +8,6 @@ from scipy.integrate import cumulative_trapezoid
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import Ports, receptance_model, synthesise_frf
-from jointbayes.identification.refine import laplace_covariance
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.structure import LossFactor
@@ -185,14 +184,6 @@ def test_the_gradient_and_the_jacobian_are_derivatives(measurement, structure, p
     density = posterior(measurement, prior, structure)
     for theta in points(prior, 3):
         check_density(density, theta)
-
-
-def test_log_magnitudes_have_a_gradient_and_a_covariance_too():
-    data, kind = frf_measurement("receptance"), "log_magnitude"
-    density = Problem(structure=ROD, joint=CLAMP, data=data, prior=NORMAL, residual_kind=kind).log_posterior
-    theta = NORMAL.parametrisation.coordinates(TABLE_3)
-    check_density(density, theta)
-    assert np.linalg.eigvalsh(laplace_covariance(density, theta)).min() > 0
 
 
 class NeverCalled:

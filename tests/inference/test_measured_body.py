@@ -169,10 +169,9 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
     assert problem.with_test(structure=whole(propagate=False)).test.ignores_noise_of_bodies
 
 
-@pytest.mark.parametrize(("noise", "kind"), [(None, "log_magnitude"), (ProportionalNoise.of(data(), 2), "complex")])
-def test_noise_beside_which_the_body_cannot_be_propagated_is_refused(noise, kind):
-    with pytest.raises(jb.ModelError, match="expected complex ones with Gaussian or Student-t noise"):
-        lone_likelihood(whole(), TAPER, data(), noise=noise, residual_kind=kind)
+def test_noise_to_which_that_of_the_body_cannot_be_added_is_refused():
+    with pytest.raises(jb.ModelError, match="found ProportionalNoise; expected Gaussian or Student-t noise"):
+        lone_likelihood(whole(), TAPER, data(), noise=ProportionalNoise.of(data()))
 
 
 def test_natural_frequencies_are_no_data_beside_a_measured_body():

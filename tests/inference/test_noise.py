@@ -11,7 +11,7 @@ from scipy import integrate, stats
 
 import jointbayes as jb
 from jointbayes.inference import GaussianNoise, IntegratedScale, ProportionalNoise, ScaledNoise
-from jointbayes.inference.likelihood_base import ComplexResidual, LogMagnitudeResidual, residual_of
+from jointbayes.inference.likelihood_base import ComplexResidual
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
 from jointbayes.posterior.evidence import evidence
@@ -195,14 +195,14 @@ def spoilt():
     measured = case.problem.test.data
     error = ERROR * (np.random.default_rng(8).standard_normal((*measured.frf.values.shape, 2)) @ [1, 1j])
     off = FrfData(replace(measured.frf, values=measured.frf.values * (1 + error)), measured.variance)
-    return replace(case, problem=case.problem.with_test(data=off, noise=ProportionalNoise.of(off, 2)))
+    return replace(case, problem=case.problem.with_test(data=off, noise=ProportionalNoise.of(off)))
 
 
 @pytest.mark.science
 def test_the_density_of_a_value_integrates_to_one():
     measured, variance = np.full((1, 1, 1), 2.0 - 1.0j), np.full((1, 1, 1), 0.3)
     stated = math.sqrt(0.3 / 2) / abs(2.0 - 1.0j)
-    noise, kind = ProportionalNoise(2, np.array([[stated]])), residual_of("complex", measured, variance)
+    noise, kind = ProportionalNoise(2, np.array([[stated]])), ComplexResidual(measured, variance)
 
     def density(y, x):
         z = kind.z(np.full((1, 1, 1, 1), x + 1j * y))
@@ -214,17 +214,13 @@ def test_the_density_of_a_value_integrates_to_one():
 def test_its_standard_deviation_is_that_fraction_of_the_measured_magnitude(spoilt):
     measured = spoilt.problem.test.data
     magnitude, variance = np.abs(measured.frf.values[:, 0]), measured.variance[:, 0]
-    spread = ProportionalNoise.of(measured, 2).spread([[0.1]], 1)[0]
+    spread = ProportionalNoise.of(measured).spread([[0.1]], 1)[0]
     assert_allclose(spread**2 * variance / 2, variance / 2 + (0.1 * magnitude) ** 2)
-    both = ProportionalNoise.of(measured, 2, scaled=True).spread([[1.5, 0.1]], 1)[0]
+    both = ProportionalNoise.of(measured, scaled=True).spread([[1.5, 0.1]], 1)[0]
     assert_allclose(both**2, 1.5**2 + spread**2 - 1)
-    # of ln |H|: its own standard deviation, and 0.1
-    spread = ProportionalNoise.of(measured, 1).spread([[0.1]], 1)[0]
-    own = np.minimum(variance / (2 * magnitude**2), math.pi**2 / 24)
-    assert_allclose(spread**2 * own, own + 0.1**2)
     values = np.array(measured.frf.values)
     values[3] = 0.0  # a measured zero is as stated
-    noise = ProportionalNoise.of(FrfData(replace(measured.frf, values=values), measured.variance), 2)
+    noise = ProportionalNoise.of(FrfData(replace(measured.frf, values=values), measured.variance))
     assert noise.spread([[0.1]], 1)[0, 3, 0] == 1.0
 
 
@@ -269,48 +265,25 @@ def test_gaussian_noise_as_stated_is_refused_by_the_check_of_the_same_data(spoil
 # residuals
 
 
-def normal_parts(difference, measured, variance):
+def normal_parts(difference, variance):
     each = stats.norm(scale=np.sqrt(variance / 2))
     return each.logpdf(difference.real) + each.logpdf(difference.imag)
 
 
-def normal_logarithms(difference, measured, variance):
-    sd = np.minimum(np.sqrt(variance / 2) / np.abs(measured), math.pi / math.sqrt(24))
-    assert sd[0] == pytest.approx(np.full((2, 1), math.pi / math.sqrt(24)))
-    return stats.norm(scale=sd).logpdf(np.log(np.abs(difference + measured)) - np.log(np.abs(measured)))
-
-
-@pytest.mark.parametrize(("kind", "law"), [(ComplexResidual, normal_parts), (LogMagnitudeResidual, normal_logarithms)])
-def test_residuals_give_the_normalised_density_of_the_frf_or_of_its_logarithm(kind, law):
+def test_residuals_give_the_normalised_density_of_the_frf():
     measured, predicted = residuals(17, (4, 2, 1), 2), residuals(18, (3, 8, 1), 2).reshape(3, 4, 2, 1)
     variance = np.random.default_rng(19).uniform(0.01, 0.2, measured.shape)
     variance[0] = 1e3  # nothing but noise
-    made = kind(measured, variance)
-    value = made.constant + GaussianNoise(made.parts).log_likelihood(made.z(predicted), np.empty((3, 0)))
-    assert_allclose(value, law(predicted - measured, measured, variance).sum(axis=(1, 2, 3)), rtol=1e-12)
+    made = ComplexResidual(measured, variance)
+    value = made.constant + GaussianNoise(2).log_likelihood(made.z(predicted), np.empty((3, 0)))
+    assert_allclose(value, normal_parts(predicted - measured, variance).sum(axis=(1, 2, 3)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["complex", "log_magnitude"])
-def test_residuals_have_their_exact_derivative(kind):
+def test_residuals_have_their_exact_derivative():
     measured, at, step = residuals(19, (3, 5, 2, 1), 2)
-    residual = residual_of(kind, measured, np.full(measured.shape, 0.3))
+    residual = ComplexResidual(measured, np.full(measured.shape, 0.3))
     difference = (residual.z((at + 1e-6 * step)[None]) - residual.z((at - 1e-6 * step)[None])) / 2e-6
     assert_allclose(residual.tangent(at, step[None]), difference, rtol=1e-7, atol=1e-8)
-
-
-def test_variance_of_log_magnitude_is_that_of_noisy_values():
-    noise = residuals(20, (200_000, 1, 1), 2) / math.sqrt(2)
-    assert np.log(np.abs(noise)).var() == pytest.approx(math.pi**2 / 24, rel=0.02)  # pure noise
-    log = np.log(np.abs(1 + 0.1 * noise))
-    assert log.var() == pytest.approx(0.1**2 / 2, rel=0.03)
-    assert abs(log.mean()) < 4 * log.std() / math.sqrt(noise.size)
-
-
-def test_a_measured_zero_has_no_logarithm():
-    measured = np.ones((3, 1, 1), dtype=complex)
-    measured[1] = 0
-    refused(lambda: LogMagnitudeResidual(measured, np.ones(measured.shape)), jb.MeasurementError, "line 2")
-    refused(lambda: residual_of("phase", measured, np.ones(measured.shape)), jb.ModelError, "log_magnitude")
 
 
 # variance from coherence

@@ -39,7 +39,6 @@ KINDS = {
     "as stated": lambda problem: problem,
     "scale sampled": lambda problem: unknown(problem, _SCALE, noise=ScaledNoise()),
     "scale integrated": lambda problem: problem.with_test(noise=IntegratedScale()),
-    "log magnitude": lambda problem: problem.with_test(residual_kind="log_magnitude", noise=IntegratedScale(1)),
     "gain": lambda problem: unknown(problem, jb.Nuisance("gain", "1", 1.0, jb.Normal(0.0, 0.02))),
 }
 

@@ -15,7 +15,7 @@ def problem(cheap_case):
     return cheap_case.problem
 
 
-MORE = {"noise": ScaledNoise(), "residual_kind": "log_magnitude"}
+MORE = {"noise": ScaledNoise()}
 
 
 @pytest.mark.parametrize("field", ["structure", "joint", "data", *MORE])
@@ -32,8 +32,8 @@ def test_what_a_problem_has_itself_can_be_replaced(problem):
     guess = problem.first_guess
     assert replace(problem, initial=guess).initial is guess
     assert replace(problem, prior=problem.prior, tests=problem.tests).names == problem.names
-    changed = problem.with_test(residual_kind="log_magnitude")
-    assert replace(changed, name="other").test.residual_kind == "log_magnitude"
+    changed = problem.with_test(noise=MORE["noise"])
+    assert replace(changed, name="other").test.noise is MORE["noise"]
 
 
 @pytest.mark.parametrize(

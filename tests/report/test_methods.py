@@ -78,7 +78,6 @@ def of_k22(inputs, **known):
 
 SWITCHES = {
     "noise": (lambda i: with_test(i, noise=StudentNoise(2, 4.0)), "noise follows Student's t"),
-    "residuals": (lambda i: with_test(i, residual_kind="log_magnitude"), "logarithms of magnitudes are compared"),
     "mesh": (lambda i: changed(i, summary=replace(i.summary, mesh=None)), "taken as given"),
     "prior": (with_normal_prior, "The prior is normal in ln k11, uniform in ln k12"),
     "uncertain": (with_modulus, "Uncertain besides the joint were Young's modulus (201.8 to 218.2 GPa)"),

@@ -16,8 +16,6 @@ CASES = {
     "student": small_case('[noise]\ndistribution = "student_t"\n'),
     "student, scale": small_case('[noise]\ndistribution = "student_t"\nscale = "sampled"\n'),
     "proportional": small_case('[noise]\ndistribution = "proportional"\n'),
-    "log magnitude": small_case('[noise]\nresiduals = "log_magnitude"\n'),
-    "log magnitude, student": small_case('[noise]\nresiduals = "log_magnitude"\ndistribution = "student_t"\n'),
     "accelerance": small_case(text=TEXT.replace("[data]", '[data]\nquantity = "accelerance"')),
     "frequencies": small_case(text=FREQUENCIES),
     "frequencies, scale": small_case('[noise]\nscale = "sampled"\n', text=FREQUENCIES),

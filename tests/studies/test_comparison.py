@@ -257,11 +257,6 @@ def test_cases_of_other_data_are_refused_by_name(cases):
     weigh.require_same_data(cases)
 
 
-def test_frfs_and_the_logarithms_of_their_magnitudes_are_not_the_same_data(cheap_case):
-    magnitude = jb.case_from_text("magnitude", cheap_text() + '\n[noise]\nresiduals = "log_magnitude"\n')
-    refused(lambda: weigh.require_same_data([cheap_case, magnitude]), jb.CaseError, "magnitude than in cheap")
-
-
 # ---- prior edges
 
 

@@ -147,7 +147,6 @@ def true_stiffness(spec: CaseSpec) -> Array:
 def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     spec, error = case.noise, case.uncertain.model_error
-    complex_frf = data.frfs is not None and spec.residuals == "complex"
     choice = NoiseChoice(
         spec.scale,
         (spec.scale_low_factor, spec.scale_high_factor),
@@ -157,7 +156,7 @@ def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ..
         error.built() if error else None,
     )
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
-    return module.noise_of(choice, 2 if complex_frf else 1, data)
+    return module.noise_of(choice, 1 if data.frfs is None else 2, data)
 
 
 def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
@@ -258,7 +257,7 @@ def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
     """
     spec, dof, noise = _take_measured_damping(spec, measured), measured.variance_dof, spec.noise
     free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
-    if dof is None or dof >= _NEARLY_GAUSSIAN or not free or noise.residuals != "complex":
+    if dof is None or dof >= _NEARLY_GAUSSIAN or not free:
         return spec
     return spec.model_copy(update={"noise": noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})})
 
@@ -536,7 +535,6 @@ def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
             built.joint,
             built.data,
             built.noise,
-            built.spec.noise.residuals,
             built.level,
         )
         (left_out if built.spec.leaves_out(built.name) else tests).append(test)

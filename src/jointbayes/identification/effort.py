@@ -183,12 +183,12 @@ def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator,
 def _weights(problem: Problem) -> list[Array]:
     """Factors on white residuals, shape (m,), by which noise becomes 1, 0.3 and 0.1 of |H| where it is smaller.
 
-    Of a test whose residuals are not those of complex FRFs they are 1; none where no test has such.
+    They are 1 for a test without FRFs; none if no test has FRFs.
     """
     ratios: list[Array] = []
     for part in problem.parts:
         measured = part.test.data.frfs
-        if measured is not None and part.test.residual_kind == "complex":
+        if measured is not None:
             ratios.append(np.repeat((np.abs(measured.frf.values) ** 2 / measured.variance).ravel(), 2))
         else:
             ratios.append(np.zeros(part.log_posterior.likelihood.n_data))

@@ -15,6 +15,7 @@ from jointbayes.inference.modal_likelihood import ModePrediction as ModePredicti
 from jointbayes.inference.modal_likelihood import mac as mac
 from jointbayes.inference.modal_likelihood import modal_model as modal_model
 from jointbayes.inference.noise.base import ErrorSizes as ErrorSizes
+from jointbayes.inference.noise.base import GaussianSpread as GaussianSpread
 from jointbayes.inference.noise.base import NoiseModel as NoiseModel
 from jointbayes.inference.noise.gaussian import GaussianNoise as GaussianNoise
 from jointbayes.inference.noise.gaussian import IntegratedScale as IntegratedScale

@@ -26,13 +26,11 @@ from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import factors_batch
 from jointbayes.inference.likelihood_base import (
-    PURE_NOISE,
     STEP,
+    ComplexResidual,
     Likelihood,
-    ResidualKind,
     SumOfSquares,
     moved_factors,
-    residual_of,
 )
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
@@ -105,15 +103,13 @@ class FrfLikelihood(Likelihood):
         then ``gain`` if the measured FRFs are the true ones times an uncertain number, then those of the noise.
     noise
         Noise model; its parameters are the factors themselves.
-    kind
-        What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
     propagate
         Whether errors of measured bodies, which the model then has, are part of the noise.
 
     Raises
     ------
     ModelError
-        If they are to be and the residuals are no complex values, or the noise model is one that does without.
+        If they are to be and the noise model is one that does without.
 
     References
     ----------
@@ -127,13 +123,12 @@ class FrfLikelihood(Likelihood):
         data: FrfData,
         names: Sequence[str] = (),
         noise: NoiseModel | None = None,
-        kind: ResidualKind = "complex",
         *,
         propagate: bool = False,
     ) -> None:
-        frf, self.kind = data.frf, kind
+        frf = data.frf
         # of the FRF as it was measured
-        constant = residual_of(kind, frf.values, data.variance).constant
+        constant = ComplexResidual(frf.values, data.variance).constant
         super().__init__(names, noise or GaussianNoise(), constant, frf.values.size)
         self._gain = _GAIN in self.names
         self._n_structure = len(self.names) - self.hyper_count - self._gain
@@ -142,19 +137,19 @@ class FrfLikelihood(Likelihood):
         self._model, self._factor, self._data = model, factor, data
         variance = data.variance / np.abs(factor) ** 2
         self._measured = frf.values / factor
-        self._residual = residual_of(kind, self._measured, variance)
+        self._residual = ComplexResidual(self._measured, variance)
         #: What errors of measured bodies make of the noise; None where there are none, or they are ignored.
         self.propagated: PropagatedNoise | None = None
         if propagate:
-            if kind != "complex" or not self.noise.takes_white_residuals or not isinstance(model, LowRankCoupling):
+            if not self.noise.takes_white_residuals or not isinstance(model, LowRankCoupling):
                 raise ModelError(
-                    f"measured body: found {kind} residuals with {type(self.noise).__name__}; expected complex ones "
-                    "with Gaussian or Student-t noise, beside which the noise of the body counts; choose those"
+                    f"measured body: found {type(self.noise).__name__}; expected Gaussian or Student-t noise, to which "
+                    "the noise of the body is added; choose one of these"
                 )
             self.propagated = PropagatedNoise(model, variance)
         self._reduced: SumOfSquares | None = None
         # where a sum of squares says it all, it is summed without any array over lines
-        self._squares = self.noise.needs_chi2_only and not (self._gain or propagate) and kind == "complex"
+        self._squares = self.noise.needs_chi2_only and not (self._gain or propagate)
         if self._squares:
             self._misfit = model.misfit(self._measured, 1 / np.sqrt(variance))
 
@@ -165,7 +160,7 @@ class FrfLikelihood(Likelihood):
 
     @property
     def has_slope(self) -> bool:
-        """Whether `gradient` is there: of complex residuals."""
+        """Whether `gradient` is there."""
         return self._squares
 
     @property
@@ -206,7 +201,7 @@ class FrfLikelihood(Likelihood):
         return value
 
     def standardised(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Residuals:
-        """Residuals over σ, shape (batch, lines, pairs), see `Residual`."""
+        """Residuals over σ, shape (batch, lines, pairs), see `ComplexResidual`."""
         joints = joint_matrix_of(matrices)
         return self._compared(joints, factors_batch(factors, len(joints)))[0]
 
@@ -241,16 +236,13 @@ class FrfLikelihood(Likelihood):
 
     def add_noise(self, predicted: ComplexArray, z: NDArray[Any]) -> ComplexArray:
         """What would be measured: predicted FRFs of one joint and noise z, both (lines, outputs, inputs)."""
-        if self.kind == "complex":
-            return predicted + np.sqrt(self._data.variance) * z
-        spread = np.minimum(self._data.variance / (2 * np.abs(self._data.frf.values) ** 2), PURE_NOISE)
-        return predicted * np.exp(np.sqrt(2 * spread) * z.real)
+        return predicted + np.sqrt(self._data.variance) * z
 
     def white(self, matrices: AnyJointMatrix, factors: ArrayLike) -> Array:
         """Scores of the noise model, shape (batch, m)."""
         # E|z|² = 1 of a complex residual, half of it in each part
         scores = self.noise.scores(self.standardised(matrices, factors), self.hyper(factors))
-        white = columns_of(scores, 2 if self.kind == "complex" else 1)
+        white = columns_of(scores, 2)
         white = white.reshape(len(scores), math.prod(white.shape[1:]))  # also of no joint at all
         white *= math.sqrt(2)
         return white
@@ -309,12 +301,11 @@ class FrfLikelihood(Likelihood):
         else:
             roots, whiten = self._roots(joint.batch, factor_rows), self.propagated.white
             z, slopes = whiten(roots, here - self._measured), [whiten(roots, some) for some in along]
-        parts = 2 if self.kind == "complex" else 1
-        rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, parts * self.n_data))
+        rows = np.empty((1 + sum(map(len, slopes)) + self.hyper_count, 2 * self.n_data))
         row = 0
         for some in (z, *filter(len, slopes)):
             white = self.noise.whiten(some, hyper).reshape(len(some), -1)
-            for side, values in enumerate((white.real, white.imag)[:parts]):
+            for side, values in enumerate((white.real, white.imag)):
                 columns = rows[row : row + len(some), side * self.n_data : (side + 1) * self.n_data]
                 np.multiply(values, math.sqrt(2), out=columns)
             row += len(some)
@@ -339,4 +330,4 @@ def _frf_likelihood(data: FrfData, test: Test, *, gain: bool = False) -> FrfLike
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     names = (*family.names, *([_GAIN] if gain else []), *(test.noise.names if test.noise else ()))
     model, propagate = test.receptance_model(ports), bool(whole.measured) and whole.propagate
-    return FrfLikelihood(model, data, names, test.noise, test.residual_kind, propagate=propagate)
+    return FrfLikelihood(model, data, names, test.noise, propagate=propagate)

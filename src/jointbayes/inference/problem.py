@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from jointbayes.errors import ModelError, require
 from jointbayes.frf import AnyStructure, NaturalFrequencies, Ports
 from jointbayes.inference.default_prior import default_prior
-from jointbayes.inference.likelihood_base import ResidualKind, Sharing, Term, TestsLikelihood
+from jointbayes.inference.likelihood_base import Sharing, Term, TestsLikelihood
 from jointbayes.inference.log_posterior import ExtraLogLikelihood, LogPosterior
 from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
 from jointbayes.inference.prior import JointPrior
@@ -127,7 +127,7 @@ class Problem:
     known_modes
         Modes that were found of problems of the same joints, each by the names of its quantities and uncertain
         quantities, see `with_known_modes`. Every search for the mode starts from them as well.
-    structure, joint, data, noise, residual_kind
+    structure, joint, data, noise
         Those of a lone test, see `Test`, in place of `tests`; several joints in a sequence, each with a name; one to
         ground by the labels of its DOFs, ``("1:y", "1:rz")``.
 
@@ -161,7 +161,6 @@ class Problem:
         joint: AnyJoint | Sequence[Joint] | Sequence[str] | None = None,
         data: Data | None = None,
         noise: NoiseModel | None = None,
-        residual_kind: ResidualKind = "complex",
         left_out: Iterable[Test] = (),
         premises: Premises = _AS_STATED,
         exact: Iterable[str] = (),
@@ -174,15 +173,14 @@ class Problem:
             require(test, Test, "problem: found as a test", named)
         own = {"structure": structure, "joint": joint, "data": data}
         if tests:
-            kind = None if residual_kind == "complex" else residual_kind
-            extra = [f for f, value in (own | {"noise": noise, "residual_kind": kind}).items() if value is not None]
+            extra = [f for f, value in (own | {"noise": noise}).items() if value is not None]
             if extra:
                 raise ModelError(
                     f"problem: found {', '.join(extra)} besides tests, which have their own; expected the one or the "
                     f"other; change a lone test by problem.with_test({extra[0].replace('joint', 'joints')}=…)"
                 )
         elif structure is not None and joint is not None and data is not None:
-            tests = (Test("", structure, joints_of(joint), data, noise, residual_kind),)
+            tests = (Test("", structure, joints_of(joint), data, noise),)
         if not tests:
             missing = [name for name, value in own.items() if value is None]
             raise ModelError(

@@ -7,11 +7,11 @@ from functools import cached_property, singledispatch
 
 import numpy as np
 
-from jointbayes.errors import ModelError, require, with_defaults
+from jointbayes.errors import ModelError, require
 from jointbayes.frf import AnyStructure, MeasuredBody, Ports, ReceptanceModel, receptance_model, rigid_body_modes
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.likelihood_base import Likelihood, ResidualKind
-from jointbayes.inference.noise.base import ErrorSizes, GaussianSpread, NoiseModel
+from jointbayes.inference.likelihood_base import Likelihood
+from jointbayes.inference.noise.base import ErrorSizes, NoiseModel
 from jointbayes.inference.noise.model_error import ModelErrorNoise
 from jointbayes.joint import AnyJoint, Block, Blocks, Parametrisation, joints_of
 from jointbayes.joint.quantities import prefixed
@@ -66,11 +66,8 @@ class Test:
     data
         FRFs, natural frequencies or modes with their noise.
     noise
-        How residuals of FRFs are distributed; None is Gaussian noise of the variance of the data. As a structure, any
-        object with the methods of its kind will do: of a `NoiseModel` `scores`, `draw` and `log_likelihood`, or of
-        independent Gaussian values `spread`; `names` where it has parameters.
-    residual_kind
-        What is compared: ``"complex"`` FRFs or their ``"log_magnitude"``.
+        How residuals of FRFs are distributed; None is Gaussian noise of the variance of the data. A law of
+        one's own is a subclass of `NoiseModel`, or of `GaussianSpread` for independent Gaussian values.
     level
         What it was made at, for the curve of a joint whose quantities are its own in each test.
 
@@ -87,7 +84,6 @@ class Test:
     joints: AnyJoint
     data: Data
     noise: NoiseModel | None = None
-    residual_kind: ResidualKind = "complex"
     level: Level | None = None
 
     def __post_init__(self) -> None:
@@ -97,14 +93,12 @@ class Test:
                 f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them, "
                 "joints=() where nothing is joined"
             )
-        noise, kind = self.noise, GaussianSpread if hasattr(self.noise, "spread") else NoiseModel
-        object.__setattr__(self, "structure", with_defaults(self.structure, Body, "problem: found as structure"))
-        object.__setattr__(self, "noise", with_defaults(noise, kind, "problem: found as noise"))
-        if self.noise is not noise and not hasattr(self.noise, "parts"):
-            object.__setattr__(self.noise, "parts", 2 if self.residual_kind == "complex" else 1)
         require(self.structure, AnyStructure, "problem: found as structure", "a body, such as jb.beam(…); make one")
         require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
-        require(self.noise, NoiseModel | None, "problem: found as noise", "a noise model of jointbayes.inference")
+        expected = "a noise model of jointbayes.inference, or a subclass of NoiseModel with `parts`"
+        require(
+            self.noise, NoiseModel | None, "problem: found as noise", expected, lambda n: not n or hasattr(n, "parts")
+        )
         object.__setattr__(self, "joints", joints_of(self.joints))
 
     def with_model_error(self, sizes: ErrorSizes | None) -> "Test":
@@ -123,7 +117,7 @@ class Test:
             f"structure: {self.structure!r}",
             f"joint: {self.joints}",
             f"data: {self.data!r}",
-            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}, residuals {self.residual_kind}",
+            f"noise: {'Gaussian' if self.noise is None else type(self.noise).__name__}",
         )
         return "\n".join(lines)
 

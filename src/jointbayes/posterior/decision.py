@@ -442,7 +442,7 @@ def _test_of_modes(test: Test, used: Sequence[UsedMode], sizes: ErrorSizes) -> T
         zeros=zeros,
         read_off=test.data.shown_frfs,
     )
-    return replace(test, data=data, residual_kind="complex").with_model_error(sizes)
+    return replace(test, data=data).with_model_error(sizes)
 
 
 def _certainly_damped(test: Test, found: Mapping[str, float]) -> AnyStructure:

@@ -306,8 +306,7 @@ def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
     MeasurementError
         If the values are no possible measurement: natural frequencies out of order.
     """
-    relative = problem.test.residual_kind == "log_magnitude"  # what is stated of ln|H| is variance/|H|²
-    return problem.with_test(data=problem.test.data.with_values(values, relative=relative))
+    return problem.with_test(data=problem.test.data.with_values(values))
 
 
 def further_measurement(problem: Problem, theta: Array) -> str:

@@ -413,9 +413,8 @@ def fit_of(problem: Problem, theta: Array) -> FitSummary:
     """How well θ, shape (d,), fits the data of all tests of a problem."""
     n_data, total = problem.log_posterior.likelihood.n_data, 0.0
     for part in problem.parts:
-        # squared residuals over σ² as stated: expected 1 for each complex value, frequency or magnitude
-        whole = 2.0 if part.test.residual_kind == "log_magnitude" else 1.0
-        total += whole * float((np.abs(part.log_posterior.standardised(theta)) ** 2).sum())
+        # squared residuals over σ² as stated: expected 1 for each complex value or frequency
+        total += float((np.abs(part.log_posterior.standardised(theta)) ** 2).sum())
     return FitSummary(
         n_data=n_data,
         chi2_per_line=total / n_data,

@@ -75,10 +75,7 @@ def _model_and_data(inputs: TestInputs, mesh: MeshCheck | None) -> Iterable[str]
         counts = say["ignored" if test.ignores_noise_of_bodies else "counts"]
         yield say["measured"].format(", ".join(measured.name for measured in test.measured_bodies), counts)
     synthetic = say["synthetic"] if test.data.synthetic else ""
-    compared = say["magnitudes"] if test.residual_kind == "log_magnitude" else ""
-    yield say["data"].format(
-        name, test.data.in_short(), synthetic, inputs.summary.fit.n_data, _words(test.noise), compared
-    )
+    yield say["data"].format(name, test.data.in_short(), synthetic, inputs.summary.fit.n_data, _words(test.noise))
 
 
 def _words(part: object) -> str:

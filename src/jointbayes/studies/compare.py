@@ -542,7 +542,7 @@ def require_same_data(cases: Sequence[Case]) -> None:
 
 
 def _data_of(problem: Problem) -> tuple[object, ...]:
-    layouts = ((test.name, test.residual_kind, test.data.frfs and test.data.frfs.layout) for test in problem.tests)
+    layouts = ((test.name, test.data.frfs and test.data.frfs.layout) for test in problem.tests)
     return data_sha256(problem), *layouts
 
 

@@ -193,7 +193,6 @@ class PredictSpec(Spec):
             yield Finding(("f_step_hz",), f"found {self.f_step_hz:g}", f"at most {_MOST_LINES} lines", "raise it")
 
 
-_RESIDUALS = key_field('"complex" (H itself) or "log_magnitude" (ln |H|, without the phase)', "complex")
 #: Each is a module of `jointbayes.inference.noise`.
 Distribution = Literal["gaussian", "student_t", "proportional"]
 _NAMES = " or ".join(f'"{name}"' for name in get_args(Distribution))
@@ -205,7 +204,7 @@ _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number
 
 
 class NoiseModelSpec(Spec):
-    """What the likelihood takes the residuals to be: their form, their distribution, and the size of the noise."""
+    """What the likelihood takes the residuals to be: their distribution, and the size of the noise."""
 
     used_with = {  # noqa: RUF012 (no field)
         "dof": ("distribution", "student_t"),
@@ -213,7 +212,6 @@ class NoiseModelSpec(Spec):
         **dict.fromkeys(("scale_dof", "scale_guess"), ("scale", "integrated")),
     }
 
-    residuals: Annotated[Literal["complex", "log_magnitude"], _RESIDUALS] = "complex"
     distribution: Annotated[Distribution, _DISTRIBUTION] = "gaussian"
     dof: Annotated[float, _DOF] = 4.0
     scale: Annotated[Literal["known", "sampled", "integrated"], _SCALE] = "known"

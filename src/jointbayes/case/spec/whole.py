@@ -552,15 +552,9 @@ def _noise_findings(case: CaseSpec) -> Iterator[Finding]:
     if model_error is not None and noise.scale != "known":
         fault = f'found "{noise.scale}" with [uncertain.model_error], whose errors would take up the same misfit'
         yield Finding(("noise", "scale"), fault, '"known"', "remove one of the two")
-    reasons = {
-        "residuals": "but natural frequencies have neither magnitude nor phase",
-        "distribution": "which is offered for FRFs only",
-    }
-    for key, reason in reasons.items():
-        value = getattr(noise, key)
-        if value != NoiseModelSpec.model_fields[key].default:
-            shown = f'"{value}"' if isinstance(value, str) else "it"
-            yield Finding(("noise", key), f"found {shown}, {reason}", _FRF_ONLY, "remove it")
+    if noise.distribution != "gaussian":
+        fault = f'found "{noise.distribution}", which is offered for FRFs only'
+        yield Finding(("noise", "distribution"), fault, _FRF_ONLY, "remove it")
 
 
 def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:

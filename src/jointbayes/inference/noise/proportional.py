@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
-from jointbayes.inference.likelihood_base import PURE_NOISE
 from jointbayes.inference.marginals import Nuisance
 from jointbayes.inference.noise.base import GaussianSpread, NoiseChoice, NoiseModel, Residuals, log_uniform, rows_of
 from vibrecords import Data, FrfData
@@ -23,7 +22,7 @@ def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, t
     """The noise model that a case chooses, and the priors of its hyperparameters."""
     if data.frfs is None:
         raise ModelError(f"proportional noise: found {data.words}; expected FRFs; use Gaussian noise")
-    noise = ProportionalNoise.of(data.frfs, parts, choice.scale == "sampled")
+    noise = ProportionalNoise.of(data.frfs, choice.scale == "sampled")
     return noise, (*choice.parameters, log_uniform("proportional_error", "× |H|", *RANGE))
 
 
@@ -39,7 +38,7 @@ class ProportionalNoise(GaussianSpread):
     Parameters
     ----------
     parts
-        2 for complex residuals, 1 for logarithms of magnitudes.
+        2: residuals are complex.
     stated
         ε₀, standard deviation of each part as a fraction of |Hˣ| by the stated noise, shape (lines, pairs).
     scaled
@@ -56,17 +55,15 @@ class ProportionalNoise(GaussianSpread):
         object.__setattr__(self, "stated", read_only(self.stated))
 
     @classmethod
-    def of(cls, data: FrfData, parts: int, scaled: bool = False) -> Self:
+    def of(cls, data: FrfData, scaled: bool = False) -> Self:
         """The model of a measurement."""
         with np.errstate(divide="ignore"):  # a measured zero has no error in proportion to it
             variance = data.variance / (2 * np.abs(data.frf.values) ** 2)
-        if parts == 1:
-            variance = np.minimum(variance, PURE_NOISE)
-        return cls(parts, np.sqrt(variance).reshape(len(variance), -1), scaled)
+        return cls(2, np.sqrt(variance).reshape(len(variance), -1), scaled)
 
     def fitted_to(self, data: FrfData, parts: int) -> Self:
         """The same law for the lines and values of another measurement."""
-        return type(self).of(data, parts, self.scaled)
+        return type(self).of(data, self.scaled)
 
     def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
         """What of the noise was inferred, in sentences."""
