@@ -66,15 +66,8 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "science or long"
 	$(BIN)/python -m benchmarks.likelihood --growth
 	$(BIN)/python -m benchmarks.samplers --nuts
-	$(BIN)/python -m benchmarks.uncertain
-	$(BIN)/python -m benchmarks.noise
-	$(BIN)/python -m benchmarks.small_data --portal
 	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.random_frames
-	$(BIN)/python -m benchmarks.many_joints chain
-	$(BIN)/python -m benchmarks.many_joints modes
-	$(BIN)/python -m benchmarks.many_joints draws
-	$(BIN)/python -m benchmarks.many_joints six
 	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.interval_ends
 	$(BIN)/python -m tests.science.calibration joint
@@ -82,30 +75,14 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m tests.science.calibration "noise scale"
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.model_error
-	$(BIN)/python -m benchmarks.two_levels
-	$(BIN)/python -m benchmarks.same_joint
 	$(BIN)/python -m benchmarks.free_bar
-	$(BIN)/python -m benchmarks.large_model
 	$(BIN)/python -m benchmarks.solid
 	$(BIN)/python -m benchmarks.predictions
-	$(BIN)/python -m benchmarks.several_modes
 	$(BIN)/python -m benchmarks.false_alarms --sets 34
-	$(BIN)/python -m benchmarks.wrong_verdicts --sets 5
 	$(BIN)/python -m benchmarks.wrong_model
-	$(BIN)/python -m benchmarks.wrong_frames
-	$(BIN)/python -m benchmarks.every_kind
-	$(BIN)/python -m benchmarks.quadrature
-	$(BIN)/python -m benchmarks.several_tests
-	$(BIN)/python -m benchmarks.long steps --count 1000000
-	$(BIN)/python -m benchmarks.long tasks --count 10000
-	$(BIN)/python -m benchmarks.long posteriors --count 1000
-	$(BIN)/python -m benchmarks.long runs --count 1000
-	$(BIN)/python -m benchmarks.modal_test --responses 200 --lines 10000 --format npz
 	$(BIN)/python -m benchmarks.modal_fit
-	$(BIN)/python -m benchmarks.coherence
 	$(BIN)/python -m benchmarks.joint_damping
 	$(BIN)/python -m benchmarks.measured_body
-	$(BIN)/python -m benchmarks.files
 	$(BIN)/python -m tests.fuzz posterior --count 10000 --seed 2
 	$(BIN)/python -m tests.fuzz all --together 3600
 	JOINTBAYES_EXAMPLES=5000 $(BIN)/python -m pytest tests/test_public_domain.py

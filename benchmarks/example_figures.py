@@ -193,34 +193,12 @@ def draws(name: str) -> str:
     return light(draw, 5.0, 3.4)
 
 
-def brings(name: str) -> str:
-    """What each set of tests leaves open: sd of ln k of the draws, and linearised, from `benchmarks.several_tests`."""
-    rows = json.loads((ROOT / "benchmarks" / "several_tests.json").read_text(encoding="utf-8"))["table"]
-
-    def draw(canvas: Any) -> None:
-        grid = panels(canvas, 1, 3, left=2.75, bottom=0.6, top=0.45, apart=(0.1, 0.25))[0]
-        place = np.arange(len(rows))[::-1]
-        for column, (axes, k) in enumerate(zip(grid, ("k11", "k12", "k22"), strict=True)):
-            drawn = [(y, row["sampled"][column]) for y, row in zip(place, rows, strict=True) if row["sampled"]]
-            axes.plot([row["linearised"][column] for row in rows], place, "o", ms=6, color=_BLUE, label="linearised")
-            axes.plot([sd for _, sd in drawn], [y for y, _ in drawn], "x", ms=6, color=_ORANGE, label="draws")
-            axes.set_xscale("log")
-            axes.set_xlim(0.008, 2.5)
-            axes.set_ylim(-0.6, len(rows) - 0.4)
-            axes.set_yticks(place, [row["tests"] for row in rows] if not column else [""] * len(rows))
-            axes.set_xlabel(f"sd of ln {k}")
-        canvas.legend(*grid[0].get_legend_handles_labels(), ncols=2, loc="upper left")
-
-    return light(draw, 7.8, 0.9 + 0.32 * len(rows))
-
-
 #: Kinds of figures by the word in their file name.
 FIGURES: dict[str, Callable[[str], str]] = {
     "structure": structure,
     "fit": fit,
     "intervals": intervals,
     "draws": draws,
-    "brings": brings,
 }
 
 

@@ -175,13 +175,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=OF // len(BEAMS), help="cases of each beam; default 50")
     parser.add_argument("--seed", type=int, default=0, help="of the first case; default 0")
-    parser.add_argument("--without", action="store_true", help="instead: leave out each kind of start, see starts.py")
     options = parser.parse_args()
-    if options.without:
-        from benchmarks import starts  # which searches what this file makes
-
-        starts.main()
-        return
     search(next(iter(BEAMS)), options.seed)  # compiles
     outcomes = run(BEAMS, range(options.seed, options.seed + options.count))
     print(table(outcomes))

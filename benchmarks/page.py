@@ -16,8 +16,8 @@ def page(results: Data) -> str:
     """The whole page, from the sections that have been measured."""
     parts = [
         "# Benchmarks\n",
-        "`make bench` prints this page in less than five minutes; `make science` adds growth with the data, few\n"
-        "measured frequencies, and NUTS. The figures are in `benchmarks/results.json`.\n",
+        "`make bench` prints this page in less than five minutes; `make science` adds growth with the data,\n"
+        "and NUTS. The figures are in `benchmarks/results.json`.\n",
     ]
     parts += [section(name, results[name]) for name in _SECTIONS if name in results]
     return "\n".join(parts)
@@ -158,21 +158,10 @@ def _sampler_row(row: Data) -> tuple[str, ...]:
     return (name, *(number(row.get(figure)) for figure in figures))
 
 
-def _small_data(data: Data) -> list[str]:
-    lines = [
-        "CPU time of `jointbayes run`, a process from the case file to the report, over that of the main case, which",
-        "runs first and last. The cases that are not shipped stand in `benchmarks/small_data.py`.",
-        "",
-    ]
-    rows = ((name, number(row["cpu_s"]), number(row["ratio"], 2)) for name, row in data["cases"].items())
-    return lines + table(("case", "s of CPU", "over the main case"), rows)
-
-
 _SECTIONS = {
     "likelihood": ("Cost of a likelihood", _likelihood),
     "growth": ("Growth with the data", _growth),
     "samplers": ("Samplers", _samplers),
-    "small_data": ("Few measured frequencies", _small_data),
 }
 
 

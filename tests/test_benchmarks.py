@@ -7,22 +7,18 @@ import numpy as np
 import pytest
 from benchmarks import (
     cases,
-    every_kind,
     jax_model,
     joint_damping,
     likelihood,
     measured_body,
     page,
     peers,
-    quadrature,
     record,
-    small_data,
     timing,
 )
 from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
 from benchmarks.samplers import emcee_rows, extrapolated, row
 
-import jointbayes as jb
 from jointbayes.inference import LogPosterior
 from tests.one_line import says
 
@@ -218,53 +214,3 @@ def test_a_page_on_coverage_shows_what_its_study_recorded(study):
     results = json.loads(study.RESULTS.read_text(encoding="utf-8"))
     assert study.section(results) in study.PAGE.read_text(encoding="utf-8")
     assert all(data["data_sets"] == 100 for data in results.values())
-
-
-@pytest.mark.parametrize("form", every_kind.FORMS)
-@pytest.mark.parametrize("kind", every_kind.KINDS)
-def test_a_case_of_every_kind_is_read(kind, form, tmp_path):
-    problem = jb.load_case(every_kind.case_of(kind, form, 0, tmp_path)).problem
-    assert (problem.test.data.frfs is not None) is (form == "FRFs")
-    if kind == "usual" and form == "frequencies":  # the case is right: some joint of its prior meets all four
-        assert jb.find_map(problem, seed=1).effort.explains
-
-
-def test_the_table_of_run_times_counts_reports_and_ratios():
-    rows = [{"kind": "main case", "form": "", "index": 0, "status": 0, "report": True, "seconds": 10.0}]
-    for status, report, seconds in ((0, True, 15.0), (3, True, 30.0), (None, False, 50.0)):
-        rows.append(
-            {"kind": "soft", "form": "FRFs", "index": 0, "status": status, "report": report, "seconds": seconds}
-        )
-    text = every_kind.section(rows)
-    assert "| soft | 3.00, 5.00; 2 of 3 | – |" in text
-    assert "Of 3 runs 2 left a report; 1 took at most 2 times, 2 at most 4 times the processor time" in text
-
-
-def test_the_table_of_quadrature_counts_what_was_reduced_and_what_was_good():
-    rows = [
-        quadrature.Row("clamped_beam", 3, 996, 8, 16, 5e-3, 0.99999, 0.01, 5.0, 4.0),
-        quadrature.Row("off", 3, 996, 8, 16, 2e-2, 0.99999, 0.01, 5.0, 4.0),
-        quadrature.Row("poor", 2, 1992, 8, 20, 3e-2, 0.99999, 0.01, 5.0, 4.5),
-        quadrature.Row("whole", 3, 996),
-    ]
-    text = quadrature.section(rows)
-    assert "| clamped_beam | 3 | 996 | 16 | 5.0e-03 | 5.0 | 4.0 |" in text
-    assert "| 2 random beams | 2 to 3 | 996 to 1992 | 16 to 20 | 3.0e-02 | 5.0 | 4.0 to 4.5 |" in text
-    assert "| whole |" not in text
-    says(text, "Of 4 problems 3 were reduced", "2000 draws each, 1 had ln p within 0.01")
-
-
-def test_quadrature_is_tried_on_a_shipped_case():
-    row = quadrature.tried("usual", next(quadrature.problems(0, None))[1])
-    assert row.at_nodes < 100 < row.values
-    assert row.error < 0.01
-    assert row.efficiency > 0.999
-
-
-@pytest.mark.parametrize("name", small_data.CASES)
-def test_cases_of_few_frequencies_are_cases_whose_density_takes_no_eigensolution_for_each_draw(name, monkeypatch):
-    problem = jb.case_from_text("small", small_data.CASES[name]).problem
-    theta = problem.prior.sample(np.random.default_rng(1), 2000)
-    problem.log_posterior(theta[:1])
-    monkeypatch.setattr(jb.Structure, "modes", lambda _: pytest.fail("solved anew"))
-    assert np.isfinite(problem.log_posterior(theta)).all()

@@ -5,11 +5,10 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import example_data, example_figures, many_joints, many_joints_data, numbers, quoted
+from benchmarks import example_data, example_figures, numbers, quoted
 from benchmarks.written_files import write_frf
 
 import jointbayes as jb
-from tests.science.calibration import simulated_problem
 from vibrecords.formats import iter_records
 
 pytestmark = pytest.mark.docs
@@ -49,28 +48,6 @@ def test_the_springs_that_made_the_data_come_back_at_the_map(name, most_sds, mos
     assert (error < most_sds * sd).all()
     assert sd.max() < most_sd
     assert error.max() < most_error
-
-
-@pytest.mark.science
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [100, 101])
-def test_a_portal_frame_on_random_feet_is_found(seed):
-    row = many_joints.search(seed)
-    assert row["above"] > -many_joints.TOLERANCE
-    assert row["reached"] >= 1
-
-
-@pytest.mark.science
-@pytest.mark.long
-def test_feet_that_the_first_search_misses_are_found_from_more_points():
-    # one of nine of two hundred data sets, of which the first search finds none
-    problem = many_joints_data.four_joints(few_lines=True).problem
-    rng = np.random.default_rng(np.random.SeedSequence(many_joints.SEED, spawn_key=(46,)))
-    theta = problem.prior.sample(rng, 1)[0]
-    data = simulated_problem(problem, problem, theta, rng)
-    row = many_joints.searched(int(rng.integers(2**32)), theta, data)
-    assert row["rounds"] >= 1
-    assert row["above"] > -many_joints.TOLERANCE
 
 
 def test_the_two_storeys_are_those_of_the_publication():

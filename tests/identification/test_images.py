@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks import several_modes as study
 
 import jointbayes as jb
 from jointbayes.identification import Images, ModeSearch
 from jointbayes.identification.mode_search import _reflections
 from jointbayes.joint import Damped, Joint, LogStiffness, blocks_of, parametrisation_named
+from tests import models
 
 SPRINGS = parametrisation_named("springs", ("x", "y", "rz"))
 FEET = {"A": (2e7, 4e6, 2e5, 8e7, -3e5, 3e4), "B": (9e7, -1e7, 8e5, 2e8, 1e6, 1.2e5)}
@@ -43,7 +43,7 @@ def test_two_kinds_are_exchanged_together_and_every_test_alike():
 
 def full_portal(sensor_mm=250.0):
     """The portal with full matrices at its feet: mirror images of each other but for their sizes."""
-    text = study.portal(sensor_mm)
+    text = models.portal(sensor_mm)
     for foot in "AB":
         text = text.replace(FULL.format(foot).replace("full", "springs"), FULL.format(foot), 1)
     names = ("k11", "k12", "k13", "k22", "k23", "k33")
@@ -89,7 +89,7 @@ def test_a_plane_of_symmetry_turns_the_motions_across_it_and_the_rotations_withi
 
 
 def test_logarithms_are_never_turned():
-    problem = jb.case_from_text("portal", study.portal()).problem
+    problem = jb.case_from_text("portal", models.portal()).problem
     images = Images.from_problem(problem)
     assert images.columns.tolist() == [[0, 1, 2, 3, 4, 5], [3, 4, 5, 0, 1, 2]]
     assert (images.signs == 1).all()
@@ -97,8 +97,8 @@ def test_logarithms_are_never_turned():
 
 @pytest.mark.parametrize("sensor_mm", [250.0, 255.0])
 def test_a_search_that_knows_one_foot_order_finds_the_other(sensor_mm):
-    problem = jb.case_from_text("portal", study.portal(sensor_mm)).problem
-    truth = problem.parametrisation.coordinates(np.ravel(study.FEET))
+    problem = jb.case_from_text("portal", models.portal(sensor_mm)).problem
+    truth = problem.parametrisation.coordinates(np.ravel(models.FEET))
     search = ModeSearch(problem.log_posterior)
     search.climb({"truth": truth})
     assert len(search.estimate().modes) == 1
@@ -112,7 +112,7 @@ def test_a_search_that_knows_one_foot_order_finds_the_other(sensor_mm):
 @pytest.mark.science
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_every_order_of_three_like_joints_is_found(seed):
-    estimate = jb.find_map(jb.case_from_text("wheel", study.wheel()), seed=seed)
+    estimate = jb.find_map(jb.case_from_text("wheel", models.wheel()), seed=seed)
     assert len(estimate.modes) == 6
     orders = {tuple(np.argsort(mode.theta).tolist()) for mode in estimate.modes}
     assert len(orders) == 6

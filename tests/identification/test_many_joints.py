@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.many_joints_data import chain_case, chain_truth, random_data
 from benchmarks.random_frames import search
 
 import jointbayes as jb
 from jointbayes.identification import effort, refine
 from jointbayes.identification.effort import first_starts, lowest_lines_first
 from jointbayes.inference.climb import PosteriorSquares
-from tests.conftest import first_in_ci
+from tests.conftest import CONFIGS, first_in_ci
+from tests.models import chain_case, chain_truth, random_data
 from tests.oracles import differences
 from vibrecords import FrfData
 
@@ -77,3 +77,13 @@ def test_the_mode_of_a_frame_of_four_to_eight_springs_is_found(seed):
     found = search(seed)
     assert found.found, found
     assert 0.85 < found.squares < 1.15  # the data are those of the model: another FE code, exact, made them
+
+
+@pytest.mark.science
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [100, 101])
+def test_the_mode_of_a_portal_frame_on_random_feet_is_found(seed):
+    theta, problem = random_data(jb.load_case(CONFIGS / "portal_frame.toml").problem, seed)
+    estimate = jb.find_map(problem, seed=seed)
+    assert estimate.log_posterior > refine(problem.log_posterior, theta)[1] - 1.0
+    assert any(start.reached_mode for start in estimate.starts if "reconstructed" in start.name)

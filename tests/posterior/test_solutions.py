@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import several_modes as study
 
 import jointbayes as jb
 from jointbayes.posterior.any_posterior import LEAST_SHARE, Solutions, _are_apart
@@ -16,12 +15,13 @@ from jointbayes.posterior.widened import widened_prior
 from jointbayes.posterior.wider_draws import _drawn_anew
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
+from tests import models
 from tests.conftest import CONFIGS, TO_CONVERGE, on_one_line, unsettled
 
 
 @pytest.fixture(scope="module")
 def portal():
-    return jb.sample(jb.case_from_text("portal", study.portal()), seed=1, settings=TO_CONVERGE)
+    return jb.sample(jb.case_from_text("portal", models.portal()), seed=1, settings=TO_CONVERGE)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def storeys():
 def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.converged
     assert portal.solutions.shares == pytest.approx([0.5, 0.5], abs=0.05)
-    low, high = study.FEET
+    low, high = models.FEET
     for index, name in enumerate(portal.stiffness_names):
         known = portal.verdict(name)
         assert known.verdict == "not identified"
@@ -67,7 +67,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     assert found["solutions"] == sentence
     assert [mode["share"] for mode in found["modes"]] == pytest.approx(portal.solutions.shares)
     for mode in found["modes"]:
-        feet = study.FEET if mode["values"]["A.kx"]["median"] < 5e7 else study.FEET[::-1]
+        feet = models.FEET if mode["values"]["A.kx"]["median"] < 5e7 else models.FEET[::-1]
         for name, value in zip(portal.stiffness_names, np.ravel(feet), strict=True):
             low, high = mode["values"][name]["interval95"]
             assert low < mode["values"][name]["median"] < high
@@ -79,7 +79,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
 def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     """With a sensor across the beam's middle too the mirror image no longer fits: its FRF has the other sign."""
     assert "A sensor at mid:y with the force at mid:x would tell them apart" in portal.solutions.sentence
-    text = study.portal().replace('outputs = ["mid:x"]', 'outputs = ["mid:x", "mid:y"]')
+    text = models.portal().replace('outputs = ["mid:x"]', 'outputs = ["mid:x", "mid:y"]')
     problem = jb.case_from_text("told apart", text).problem
     theta = np.array([mode.theta for mode in portal.estimate.modes])
     heights = problem.log_posterior(theta)

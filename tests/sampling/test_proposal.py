@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-from benchmarks.many_joints_data import six_joints
 from scipy import stats
 
 from jointbayes.case.case import case_from_text
@@ -16,6 +15,7 @@ from jointbayes.sampling.distributions import StudentMixture, StudentT, importan
 from jointbayes.sampling.sampler import KEPT, MANY_DIMENSIONS, independence_share, run_ensembles, weighted_moves
 from jointbayes.workflow import sample
 from tests.conftest import edited, first_in_ci
+from tests.models import six_joints
 from tests.oracles import differences
 
 

@@ -1,7 +1,7 @@
 """Wrong models: the answer by modes holds the true joint, or the light of the model or a condition says what is wrong.
 
-One data set each of `benchmarks.wrong_model`, `wrong_verdicts` and, for right models, `false_alarms`; the long studies
-are these, docs/wrong-model.md what they found.
+One data set each of `benchmarks.wrong_model` and, for right models, `false_alarms`; docs/wrong-model.md says what
+the long studies found.
 """
 
 from dataclasses import replace
@@ -9,17 +9,25 @@ from itertools import product
 
 import numpy as np
 import pytest
-from benchmarks import false_alarms, wrong_model, wrong_verdicts
+from benchmarks import false_alarms, wrong_model
 
 import jointbayes as jb
+from jointbayes.posterior import gather_knowledge
 from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
 from vibrecords import FrfData
 
 science = pytest.mark.science
 _KINDS = [("nothing", "stocky"), ("length 5 % off", "slender")]
 _KINDS += [pair for pair in product(wrong_model.WRONGS, wrong_model.BEAMS) if pair not in _KINDS]
-_LOW, _ = wrong_verdicts.BANDS
-_VERDICTS = list(product(wrong_verdicts.BANDS, wrong_verdicts.NOISES, wrong_verdicts.WRONGS))
+_SPRINGS = """
+structure = { length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, \
+section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "modal", ratio = 0.01 } }
+joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
+prior.ky = { distribution = "log_uniform", low = 1e4, high = 1e11 }
+prior.krz = { distribution = "log_uniform", low = 1e2, high = 1e8 }
+data = { kind = "synthetic_frf", outputs = ["11:y"], inputs = ["11:y"], f_min_hz = 10.0, f_max_hz = 500.0, \
+f_step_hz = 2.0, truth.stiffness = { ky = 3e7, krz = 5e4 }, noise = { relative = 0.10, floor = 0.03, seed = 1 } }
+"""
 
 
 @science
@@ -36,21 +44,21 @@ def test_nothing_is_identified_where_the_truth_is_far_outside_and_the_light_of_a
 
 @science
 def test_what_the_check_cannot_see_the_freed_inputs_do():
-    outcome, posterior = wrong_verdicts.analyse(wrong_verdicts.WRONGS[0], 0.10, _LOW, 1, TO_CONVERGE)
-    assert outcome.explains
-    assert "ky" in outcome.missed
-    assert posterior.verdict("ky").verdict == "identified"
+    case = jb.case_from_text("1.3 % shorter than it is", _SPRINGS)
+    longer = jb.case_from_text("as it is", _SPRINGS.replace("383.0", "388.0")).problem.test.data
+    made = case.problem.with_test(data=longer)
+    (test,) = case.tests
+    wrong = replace(case, problem=made, stated=made, tests=(replace(test, data=longer),))
+    posterior = jb.sample(wrong, seed=1, settings=TO_CONVERGE)
+    assert posterior.check.explains
+    known, (low, high) = posterior.verdict("ky"), posterior.interval("ky", 0.999)
+    assert known.verdict == "identified"
+    assert not low <= 3e7 <= high
     condition = "identified only if Young's modulus, density, length and damping ratio are exact"
-    assert outcome.verdicts == {"ky": condition, "krz": condition}
-    assert outcome.false == ()
-    assert "| length 1 % off | 10 % | to 500 Hz | 1 | 1 | 1 | 0 |" in wrong_verdicts.table([outcome])
-
-
-@science
-@pytest.mark.parametrize(("band", "noise", "wrong"), first_in_ci(_VERDICTS, 1))
-def test_nothing_is_identified_without_condition_that_is_not(wrong, noise, band):
-    outcome, _ = wrong_verdicts.analyse(wrong, noise, band, 2, TO_CONVERGE)
-    assert outcome.false == ()
+    exact = gather_knowledge(posterior).exact
+    assert {name: known.verdict + exact[name].condition for name in ("ky", "krz")} == dict.fromkeys(
+        ("ky", "krz"), condition
+    )
 
 
 @science

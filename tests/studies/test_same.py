@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks import same_joint
-from benchmarks.same_joint import compared, pair_of
+from benchmarks.exact_beam import ExactBeam, circle
 from scipy import stats
 
 import jointbayes as jb
@@ -11,8 +10,47 @@ from jointbayes.progress import tell_nobody
 from jointbayes.studies import same
 from jointbayes.studies.same import Change, JointChange, compare_joints
 from jointbayes.workflow import answered_case
-from tests.conftest import cli
+from tests.conftest import CONFIGS, cli
 from tests.marks import first_in_ci
+
+#: Stiffness in the new test over that before.
+KINDS = {"no change": 1.0, "0.5 % stiffer": 1.005, "5 % stiffer": 1.05}
+_ERROR_OF_MODEL, _SCATTER, _MODES = 0.005, 0.0002, 4
+_TESTED_TWICE = """
+title = "One clamp, tested twice"
+structure = { length_mm = 360.0, youngs_modulus_gpa = 210.0, poissons_ratio = 0.3, density_kg_m3 = 7800.0, \
+section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "modal", ratio = 0.01 } }
+joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
+prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
+prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
+data.kind = "natural_frequencies"
+"""
+
+
+def exact_frequencies(ky, krz):
+    """Lowest natural frequencies of the beam on these springs, Hz, without a mesh."""
+    beam = ExactBeam(0.36, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 11: 0.36}, (ky, 0.0, krz))
+    return beam.modes(20_000.0).omega[:_MODES] / (2 * np.pi)
+
+
+def pair_of(factor, index):
+    """Two tests of one clamp that is so many times as stiff in the second; beam and noise are those of the index."""
+    rng = np.random.default_rng([20261128, index])
+    ky, krz = np.exp(rng.uniform(np.log(1e7), np.log(2e8))), np.exp(rng.uniform(np.log(2e4), np.log(2e5)))
+    missed = np.exp(_ERROR_OF_MODEL * rng.standard_normal(_MODES))
+    cases = []
+    for name, times in (("before", 1.0), ("new", factor)):
+        found = missed * exact_frequencies(times * ky, times * krz) * np.exp(_SCATTER * rng.standard_normal(_MODES))
+        text = f"{_TESTED_TWICE}data.frequencies_hz = {found.tolist()}\ndata.sd_relative = {_SCATTER}\n"
+        cases.append(jb.case_from_text(f"{name} {index}", text))
+    return cases[0], cases[1]
+
+
+def compared(factor, index):
+    """What `jointbayes same` says of a pair."""
+    before, new = (answered_case(case, 1, tell_nobody) for case in pair_of(factor, index))
+    return compare_joints(before, new, 1, tell_nobody)
+
 
 UNCHANGED = Change("k22", "1", 0.004, -0.011, 0.019, 0.7)
 LOOSER = Change("k22", "1", -0.062, -0.079, -0.044, 0.0)
@@ -27,7 +65,7 @@ def said(*stiffness, two_log_b, together=None):
 @pytest.fixture(scope="module")
 def changes():
     """What is said of one pair of each truth, by what the table calls it."""
-    return {kind: compared(factor, 1) for kind, factor in same_joint.KINDS.items()}
+    return {kind: compared(factor, 1) for kind, factor in KINDS.items()}
 
 
 def test_the_first_sentence_answers_in_words_with_the_interval():
@@ -75,7 +113,7 @@ def test_the_prior_of_a_change_is_normalised_wherever_the_joint_before_is():
 
 @pytest.mark.whole
 def test_a_change_is_told_from_none_where_the_error_of_the_model_is_larger_than_either(changes):
-    for kind, factor in same_joint.KINDS.items():
+    for kind, factor in KINDS.items():
         change = changes[kind]
         assert change.converged
         assert change.changed == (factor != 1)
@@ -92,7 +130,7 @@ def test_a_change_is_told_from_none_where_the_error_of_the_model_is_larger_than_
 @pytest.mark.parametrize("count", first_in_ci([3, 12], 1))
 @pytest.mark.parametrize("kind", ["no change", "5 % stiffer"])
 def test_few_of_many_unchanged_joints_are_called_changed(kind, count):
-    changed = sum(row["changed"] for row in [same_joint.outcome(kind, index) for index in range(1, count + 1)])
+    changed = sum(compared(KINDS[kind], index).changed for index in range(1, count + 1))
     print(f"{kind}: {changed} of n = {count} called changed")
     if kind == "no change":
         assert changed <= 1  # two or more of 12 at 1 % in 0.6 % of such samples
@@ -102,9 +140,7 @@ def test_few_of_many_unchanged_joints_are_called_changed(kind, count):
 
 def test_another_structure_shares_nothing_and_another_joint_is_refused():
     first, second = pair_of(1.0, 2)
-    longer = jb.case_from_text(
-        "longer", second.text.replace("length_mm = 360.0", "length_mm = 380.0"), directory=same_joint.CONFIGS
-    )
+    longer = jb.case_from_text("longer", second.text.replace("length_mm = 360.0", "length_mm = 380.0"))
     one, other = (answered_case(case, 1, tell_nobody) for case in (first, longer))
     own, shared, premises = same._together(one, other)
     assert premises[0] == "The two structures are stated differently: nothing of them cancels."
@@ -113,10 +149,10 @@ def test_another_structure_shares_nothing_and_another_joint_is_refused():
     own, _, premises = same._together(one, one)
     assert {"density", "length", "youngs_modulus"} < set(own.names)
     assert own.names[:4] == ("before.ky", "before.krz", "new.ky", "new.krz")
-    clamp = jb.load_case(same_joint.CONFIGS / "clamped_beam.toml").problem
+    clamp = jb.load_case(CONFIGS / "clamped_beam.toml").problem
     with pytest.raises(jb.ModelError, match=r"same: found .*; expected one joint, tested twice; state both alike"):
         compare_joints(one, clamp, 1, tell_nobody)
-    several = jb.load_case(same_joint.CONFIGS / "two_overhangs.toml").problem
+    several = jb.load_case(CONFIGS / "two_overhangs.toml").problem
     with pytest.raises(
         jb.ModelError, match=r"same: found the tests long, short in .*; expected one; give a case of each"
     ):
@@ -124,7 +160,7 @@ def test_another_structure_shares_nothing_and_another_joint_is_refused():
 
 
 def test_damping_and_noise_are_each_tests_own():
-    nominal = jb.load_case(same_joint.CONFIGS / "clamped_beam_uncertain.toml").problem
+    nominal = jb.load_case(CONFIGS / "clamped_beam_uncertain.toml").problem
     own, _, premises = same._together(nominal, nominal)
     assert {"before.damping_ratio", "new.damping_ratio", "density"} < set(own.names)
     assert premises[-1] == "Uncertain in each by itself: before.damping ratio and new.damping ratio."

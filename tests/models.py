@@ -1,8 +1,7 @@
-"""The two problems with many joints: the portal frame of configs/portal_frame.toml, and one of six damped joints."""
+"""Structures with several joints that tests are about: a portal, a wheel, chains, and six damped joints."""
 
-import re
+import math
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +10,80 @@ import jointbayes as jb
 from jointbayes.inference import Problem
 from vibrecords import FrfData, FrfSet, RelativeNoise
 
-ROOT = Path(__file__).resolve().parents[1]
-BASE = ROOT / "configs" / "portal_frame.toml"
 Array = NDArray[np.float64]
+#: Stiffnesses (kx, ky, krz) of both feet.
+FEET = ((2e7, 8e7, 3e4), (9e7, 2e8, 1.2e5))
+_WHEEL = (3e4, 8e4, 2e5)
+_FRAME = """
+[structure]
+kind = "frame"
+directions = ["x", "y", "rz"]
+youngs_modulus_gpa = 210.0
+density_kg_m3 = 7800.0
+section = { shape = "rectangle", width_mm = 40.0, height_mm = 20.0 }
+damping = { law = "loss_factor", loss_factor = 0.005 }
+"""
 
-#: For 200 data sets: 141 lines, and a noise floor of the instruments that is the same at all of them.
-_FEW_LINES = {"f_max_hz": "580.0", "f_step_hz": "4.0", "relative": "0.0", "floor": "0.3"}
+
+def portal(sensor_mm: float = 250.0, noise_seed: int = 1) -> str:
+    """Case text of the portal, 500 mm wide and 400 mm high, with a sensor on its beam."""
+    feet = "".join(
+        f'[joints.{name}]\nkind = "springs"\ndofs = ["foot{name}:x", "foot{name}:y", "foot{name}:rz"]\n'
+        for name in "AB"
+    )
+    truth = "".join(
+        f"{name} = {{ kx = {kx}, ky = {ky}, krz = {krz} }}\n" for name, (kx, ky, krz) in zip("AB", FEET, strict=True)
+    )
+    return f"""title = "Symmetric portal"
+{_FRAME}
+members = [
+  {{ points = ["footA", "headA"] }},
+  {{ points = ["footB", "headB"] }},
+  {{ points = ["headA", "mid", "headB"] }},
+]
+[structure.points]
+footA = [0, 0, 0]
+headA = [0, 400, 0]
+footB = [500, 0, 0]
+headB = [500, 400, 0]
+mid = [{sensor_mm}, 400, 0]
+{feet}
+[data]
+kind = "synthetic_frf"
+outputs = ["mid:x"]
+inputs = ["mid:x"]
+f_min_hz = 10.0
+f_max_hz = 1196.0
+f_step_hz = 4.0
+noise = {{ relative = 0.03, floor = 0.0, seed = {noise_seed} }}
+[data.truth.stiffness]
+{truth}"""
 
 
-@cache
-def four_joints(*, few_lines: bool = False) -> jb.Case:
-    """Four joints of three springs each; with `few_lines` as it is calibrated."""
-    text = BASE.read_text(encoding="utf-8")
-    for key, value in _FEW_LINES.items() if few_lines else ():
-        text, count = re.subn(rf"(?m)((?:^|\W){key} = )[^\n,#]*[^\s,#}}]", rf"\g<1>{value}", text)
-        if count != 1:
-            raise ValueError(f"{BASE}: expected {key} once, found it {count} times")
-    return jb.case_from_text("four joints" + few_lines * ", few lines", text)
+def wheel(noise_seed: int = 1) -> str:
+    """Case text of a wheel of three spokes, with a joint at each end of one, and a sensor of its hub's rotation."""
+    turns = {name: 2 * math.pi * i / 3 for i, name in enumerate("abc")}
+    points = "".join(f"{n} = [{300 * math.cos(t):.12f}, {300 * math.sin(t):.12f}, 0]\n" for n, t in turns.items())
+    joints = "".join(f'[joints.{name}]\nkind = "springs"\ndofs = ["{name}:rz"]\n' for name in turns)
+    truth = "".join(f"{name} = {{ krz = {k} }}\n" for name, k in zip(turns, _WHEEL, strict=True))
+    spokes = ", ".join(f'{{ points = ["hub", "{name}"] }}' for name in turns)
+    return f"""title = "Wheel"
+{_FRAME}
+members = [{spokes}, {{ points = ["a", "b", "c", "a"] }}]
+[structure.points]
+hub = [0, 0, 0]
+{points}
+{joints}
+[data]
+kind = "synthetic_frf"
+outputs = ["hub:rz"]
+inputs = ["hub:rz"]
+f_min_hz = 20.0
+f_max_hz = 1500.0
+f_step_hz = 5.0
+noise = {{ relative = 0.03, floor = 0.0, seed = {noise_seed} }}
+[data.truth.stiffness]
+{truth}"""
 
 
 def random_data(problem: Problem, seed: int) -> tuple[Array, Problem]:
