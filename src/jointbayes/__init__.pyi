@@ -14,7 +14,6 @@ from jointbayes.frf import Substructures as Substructures
 from jointbayes.identification import IterationHistory as IterationHistory
 from jointbayes.identification import MapEstimate as MapEstimate
 from jointbayes.inference import JointPrior as JointPrior
-from jointbayes.inference import Level as Level
 from jointbayes.inference import Normal as Normal
 from jointbayes.inference import Nuisance as Nuisance
 from jointbayes.inference import OfStiffness as OfStiffness
@@ -41,7 +40,6 @@ from jointbayes.report.plots import plot_frequencies as plot_frequencies
 from jointbayes.report.plots import plot_frf as plot_frf
 from jointbayes.report.plots import plot_intervals as plot_intervals
 from jointbayes.report.plots import plot_iteration as plot_iteration
-from jointbayes.report.plots import plot_levels as plot_levels
 from jointbayes.report.plots import plot_mode_shape as plot_mode_shape
 from jointbayes.report.plots import plot_profiles as plot_profiles
 from jointbayes.report.plots import plot_residuals as plot_residuals

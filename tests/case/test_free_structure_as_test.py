@@ -62,10 +62,9 @@ def test_the_material_of_a_workshop_is_that_of_the_free_structure_as_well():
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_joints_of_each_test_and_levels_are_those_of_joined_ones(own):
+def test_joints_of_each_test_are_those_of_joined_ones(own):
     text = BASE.replace("[joint]", "[joint]\nown = true") if own else BASE
-    levels = ("level = 2.0", "level = 5.0") if own else ("", "")
-    text += "[level]\nname = 'torque'\n" * own + FREE + "[tests.a]\n{}\n[tests.b]\n{}\n".format(*levels)
+    text += FREE + "[tests.a]\n[tests.b]\n"
     names = ("a.k11", "a.k12", "a.k22", "b.k11", "b.k12", "b.k22") if own else ("k11", "k12", "k22")
     problem = built(text).problem
     assert problem.names == names

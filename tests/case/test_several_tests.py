@@ -144,12 +144,6 @@ def test_a_case_with_tests_may_be_built_on_another(tmp_path):
     assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
 
 
-def test_levels_are_those_of_the_tests():
-    level = '[level]\nname = "torque"\nunit = "N m"\n[tests.low]\nlevel = 5.0\n[tests.high]\nlevel = 20.0\n'
-    tests = built(level).problem.tests
-    assert [one.level for one in tests] == [jb.Level(5.0, "torque", "N m"), jb.Level(20.0, "torque", "N m")]
-
-
 def test_material_and_length_of_a_workshop_are_those_of_every_test():
     problem = built(CLAMP_EDGE + TWO).workshop_problem
     assert problem.names[3:] == (

@@ -9,7 +9,6 @@ from jointbayes.identification.map_estimate import SearchEffort
 from jointbayes.inference import Premises, UsedMode
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
-from jointbayes.posterior.homogeneity import Homogeneity
 from jointbayes.posterior.identifiability import verdict_by_rule
 from jointbayes.posterior.knowledge import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.model_errors import InferredError, MeshCheck
@@ -23,7 +22,6 @@ SETTLED = (
 DIAGNOSIS = Diagnosis((ModeError(100.0, 98.0, 1.2),), (PairFit("1:y", "1:y", 0.9, 1.0, False),), ())
 EFFORT = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
 MESH = MeshCheck("paper", 10, 1, 0.5, 0.1, {"k11": 0.2}, False, False)
-SAME = Homogeneity("loose", "tight", 50, 1.0, 0.5, (), (), None)
 ERROR = InferredError(0.01, 0.005, 0.02, 0.003)
 MODES = Premises("why", None, ("length to 0.5 %",), (UsedMode("", 1, 120.0, 0.1),))
 
@@ -59,7 +57,6 @@ def told(reason: str, *, converged: bool = True) -> str:
         ),
         (DIAGNOSIS.sentence, replace(DIAGNOSIS, remedy="Look.").sentence, ("correlation is 0.9.", "is 0.9. Look.")),
         (MESH.sentence, replace(MESH, error_sd=0.7, shift_sd={"k11": 0.3}).sentence, ("than 0.5 sta", "than 0.7 sta")),
-        (SAME.sentence, replace(SAME, chi2_per_value=4.0, lines_p_value=0.0).sentence, ("are equal", "by 2 times")),
         (ERROR.words, replace(ERROR, median=0.02, high=0.03).words, ("about 1 % (up to 2 %)", "about 2 % (up to 3 %)")),
         (
             " ".join(premises_sentences(MODES, ERROR)),

@@ -192,9 +192,6 @@ REPORTS = {
     ),
     "report_overhangs": lambda _: of_tests(BASE + TWO),
     "report_torques": lambda _: of_tests(several.OWN + several.TORQUES),
-    "report_torques_alike": lambda _: of_tests(
-        (several.OWN + several.TORQUES).replace("k22 = 2.2e6", "k22 = 1.52e6").replace("0.6e6", "1.52e6")
-    ),
     "comparison": lambda _: kinds.comparison(),
 }
 
@@ -205,7 +202,6 @@ VARIANTS = {
     "report_missed_the_best_fit": "report",
     "report_measured": "report",
     "report_model_does_not_fit": "report",
-    "report_torques_alike": "report_torques",
 }
 
 

@@ -70,7 +70,7 @@ READ = {
 }  # fmt: skip
 #: And what gives none: draws of other scales, figures of the run, predictions, sentences on premises.
 SILENT = {
-    "assumptions", "at_prior_edge", "by_ensemble", "case", "check", "checks", "compared_frfs", "converged", "curve",
+    "assumptions", "at_prior_edge", "by_ensemble", "case", "check", "checks", "compared_frfs", "converged",
     "diagnoses", "diagnosis", "estimate", "has_default_prior", "judged_names", "likelihood_region", "log_density",
     "measured_frequencies_hz", "mesh", "mode", "mode_agrees", "mode_distance", "mode_log_density", "mode_theta",
     "model_error", "noise_of_bodies", "predict", "predict_frf", "predict_left_out", "predict_natural_frequencies",

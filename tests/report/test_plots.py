@@ -19,12 +19,6 @@ from jointbayes.report.inputs import TestInputs
 from jointbayes.report.model import Figure
 from jointbayes.report.sections.fit_to_data import fit_section
 from tests.conftest import CONFIGS, FEW_STEPS
-from tests.report.test_several_tests import OWN, TORQUES, posterior_of
-
-
-@pytest.fixture(scope="module")
-def torques():
-    return posterior_of(jb.case_from_text("torques", OWN + TORQUES))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +43,6 @@ ON_AXES = [
     (jb.plot_frequencies, "frequency_posterior", ("Mode", "Deviation from measured (%)")),
     (jb.plot_mode_shape, "shapes", ("", "Component over the reference's")),
     (jb.plot_mode_shape, "cheap_posterior", ("", "Component over 5:y's")),
-    (lambda of, ax: jb.plot_levels(of, "k22", ax=ax), "torques", ("Torque (N m)", "k22 (N·m/rad)")),
 ]  # fmt: skip
 
 
@@ -102,10 +95,6 @@ def test_the_curves_are_those_of_the_report(cheap_posterior, axes):
         assert_array_equal(line.get_ydata(), curves[line.get_label()])
 
 
-def test_a_curve_over_levels_prints_as_its_sentence(torques):
-    assert repr(torques.curve("k22")) == torques.curve("k22").sentence
-
-
 def test_an_interval_stands_where_the_draws_have_it(cheap_posterior, axes):
     jb.plot_intervals(cheap_posterior, ax=axes)
     low, high = cheap_posterior.interval("k11")
@@ -154,7 +143,7 @@ def test_the_line_across_a_profile_is_at_its_95_percent(axes):
 
 OF_A_POSTERIOR = [
     jb.plot_residuals, jb.plot_intervals, jb.plot_corner, jb.plot_traces, jb.plot_autocorrelation, jb.plot_profiles,
-    jb.plot_frequencies, jb.plot_mode_shape, lambda of: jb.plot_levels(of, "k11"),
+    jb.plot_frequencies, jb.plot_mode_shape,
     lambda of: jb.plot_profiles(of, "k22"),
 ]  # fmt: skip
 
@@ -254,7 +243,6 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
         ),
         (lambda _, f, two: jb.plot_residuals(f), "found natural frequencies; expected FRFs"),
         (lambda p, *_: jb.plot_mode_shape(p, 99), r"found mode 99; expected one of \d+ of the model"),
-        (lambda p, *_: jb.plot_levels(p, "k11"), "curve: found 0 levels of tests"),
     ],
 )
 def test_what_cannot_be_drawn_is_told_in_one_line(draw, message, cheap_posterior, frequency_posterior):

@@ -16,16 +16,14 @@ import jointbayes as jb
 from jointbayes.errors import ModelError
 from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.posterior import data_sha256
-from jointbayes.posterior.curves import Curve, _change, curves_of
-from jointbayes.posterior.homogeneity import ModeShift
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph, Table
 from jointbayes.report.sections.run_details import starts_section
-from jointbayes.report.sections.several_tests import curve_section, overview_section, section_of_test
+from jointbayes.report.sections.several_tests import overview_section, ratios_of_tests, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
-from tests.conftest import TABLE_3, cli, unsettled
+from tests.conftest import TABLE_3, cli
 from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
@@ -41,19 +39,13 @@ sd_relative = 0.0
 sd_hz = 3.0
 """
 TORQUES = """
-[level]
-name = "torque"
-unit = "N m"
 [tests.tight]
-level = 20.0
 [tests.tight.data.truth]
 k22 = 2.2e6
 [tests.loose]
-level = 5.0
 [tests.loose.data.truth]
 k22 = 0.6e6
 [tests.usual]
-level = 10.0
 """
 OWN = BASE.replace("[joint]", "[joint]\nown = true")
 
@@ -185,131 +177,25 @@ def test_the_report_has_a_section_for_each_test(overhangs):
         assert f"{part.natural_frequencies_hz(TABLE_3, 1)[0, 0]:.2f}" in frequencies.rows[0]
 
 
-def test_a_curve_has_the_quantity_of_each_test_in_the_order_of_the_levels(torques):
-    curve = torques.curve("k22")
-    assert curve.level.tolist() == [5.0, 10.0, 20.0]
-    assert curve.tests == ("loose", "usual", "tight")
-    assert curve.quantities == ("loose.k22", "usual.k22", "tight.k22")
-    for i, name in enumerate(curve.quantities):
-        assert (curve.low[i], curve.high[i]) == torques.interval(name)
-        assert curve.median[i] == np.median(torques.values(name))
-    assert_allclose(curve.median, [0.6e6, 1.52e6, 2.2e6], rtol=0.01)
-    ratio = torques.values("tight.k22") / torques.values("loose.k22")
-    assert (curve.pair, curve.pairs, curve.relative) == ((0, 2), 1, True)
-    assert_allclose(curve.change, np.quantile(ratio, [0.5, 0.025, 0.975]))
-    assert curve.sentence.startswith("k22 at 20 N m over that at 5 N m: median 3.6")
-    assert curve.sentence.endswith("it rises between 5 N m and 20 N m.")
-    narrow = torques.curve("k22", 0.5)
-    assert (narrow.low > curve.low).all()
-    assert (narrow.high < curve.high).all()
-    assert re.search(r"; no change between \d+ N m and \d+ N m is shown\.$", torques.curve("k11").sentence)
+def test_what_is_each_tests_own_has_a_ratio_and_what_they_share_has_none(torques, overhangs):
+    assert ratios_of_tests(overhangs) == ()
+    (table,) = ratios_of_tests(torques)
+    rows = {row[:2]: row[2:] for row in table.rows}
+    assert len(rows) == 6  # three quantities of two further tests
+    median, ends = rows["k22", "loose over tight"]
+    assert float(median) == pytest.approx(0.6e6 / 2.2e6, rel=0.01)
+    low, high = map(float, ends.split(" to "))
+    assert high / low == pytest.approx(np.exp(2 * 1.96 * 0.01 * np.sqrt(2)), rel=0.02)  # two independent draws
+    assert float(rows["k11", "usual over tight"][0]) == pytest.approx(1.0, rel=0.01)
 
 
-def test_levels_that_are_all_the_same_make_no_curve(torques):
-    tests = [dataclasses.replace(one, level=jb.Level(5.0, "torque", "N m")) for one in torques.problem.tests]
-    alike = dataclasses.replace(torques, problem=jb.Problem(tests=tests, prior=torques.problem.prior))
-    assert curves_of(alike) == ()
-    with pytest.raises(jb.ModelError, match="curve: found 1 levels of tests with 'k22'"):
-        alike.curve("k22")
-
-
-def torques_with(torques, **values):
-    """The same posterior with other draws of k22: of each test a mean and a standard deviation."""
-    rng = np.random.default_rng(1)
-    shape = torques.values("loose.k22").shape
-    draws = {f"{name}.k22": (("chain", "draw"), rng.normal(*at, shape)) for name, at in values.items()}
+def test_a_quantity_of_either_sign_has_no_ratio(torques):
     tree = torques.tree.copy()
-    tree["posterior"] = xr.DataTree(torques.draws.assign(draws))
-    return dataclasses.replace(torques, tree=tree)
-
-
-def test_a_curve_that_turns_names_the_levels_that_differ_most(torques):
-    turned = torques_with(torques, loose=(1e5, 1e3), usual=(1e7, 1e5), tight=(1e5, 1e3)).curve("k22")
-    assert turned.pairs == 3
-    assert set(turned.pair) in ({0, 1}, {1, 2})
-    assert "of 3 pairs of levels the one that differs most clearly: median" in turned.sentence
-    assert turned.sentence.endswith(("it rises between 5 N m and 10 N m.", "it falls between 10 N m and 20 N m."))
-
-
-@pytest.mark.science
-def test_a_curve_that_turns_by_chance_is_seldom_said_to_change():
-    """Three levels that are alike: the interval is that of all pairs, so that 5 % of the runs at most say otherwise."""
-    rng, said, turned = np.random.default_rng(3), 0, 0
-    for _ in range(1000):
-        draws = rng.normal(size=3) + rng.normal(size=(2000, 3))  # estimates of one value, each with an sd of 1
-        _, pairs, (_, low, high) = _change(draws, np.arange(3.0), relative=False, tail=0.025)
-        turned += pairs > 1
-        said += pairs > 1 and not low <= 0 <= high
-    assert 600 < turned < 730
-    assert said <= 0.05 * 1000
-
-
-def test_a_quantity_that_may_be_negative_changes_by_a_difference():
-    rng = np.random.default_rng(2)
-    values = np.stack([rng.normal(mean, 1e3, 4000) for mean in (-2e5, -1.5e5, -1e5)], axis=-1)
-    pair, pairs, change = _change(values, np.array([1.0, 2.0, 3.0]), relative=False, tail=0.025)
-    assert (pair, pairs) == ((0, 2), 1)
-    assert_allclose(change, np.quantile(values[:, 2] - values[:, 0], [0.5, 0.025, 0.975]))
-    level = jb.Level(1.0, "torque", "N m")
-    curve = Curve(
-        "k12", "N", level, ("a",) * 3, ("k12",) * 3, np.arange(3.0), *values[:3], 0.95, pair, pairs, False, change
-    )
-    assert curve.sentence.startswith("k12 at 2 N m minus that at 0 N m: median 1e+05 N, 95 % credible interval ")
-    assert curve.sentence.endswith("it rises between 0 N m and 2 N m.")
-
-
-def test_a_run_without_verdict_says_nothing_of_a_change(torques):
-    sentence = unsettled(torques).curve("k22").sentence
-    assert sentence == "k22 between 5 N m and 20 N m: nothing is said of a change, for the calculation has not settled."
-
-
-@pytest.mark.whole
-@pytest.mark.usefixtures("plain_reports")
-def test_the_curve_is_a_table_and_a_figure_of_each_quantity(torques, overhangs):
-    section = curve_section(inputs_of(torques))
-    assert [block.identifier for block in section.blocks if isinstance(block, Figure)] == [
-        f"curve-{i}" for i in (1, 2, 3)
-    ]
-    tables = [block for block in section.blocks if isinstance(block, Table)]
-    assert [row[0] for row in tables[2].rows] == ["5", "10", "20"]
-    assert curve_section(inputs_of(overhangs)) is None
-
-
-def test_levels_whose_data_are_equal_show_no_change(torques):
-    """Whatever made-up draws far apart say."""
-    same = jb.case_from_text("same", (OWN + TORQUES).replace("k22 = 2.2e6", "k22 = 1.52e6").replace("0.6e6", "1.52e6"))
-    posterior = dataclasses.replace(torques, problem=same.problem)
-    curve, other = posterior.curve("k22"), torques.curve("k22")
-    assert curve.change == other.change
-    assert curve.change[1] > 1
-    assert (curve.equal_data, curve.changes) == (True, False)
-    assert (other.equal_data, other.changes) == (False, True)
-    assert curve.sentence.endswith("is shown, for the data of the two are equal within their noise.")
-
-
-def test_the_report_says_which_tests_measured_the_same_and_how_far_modes_move(torques):
-    inputs = inputs_of(torques)
-    summary = json.loads(json.dumps(inputs.summary.to_json(), allow_nan=False))
-    assert [(each["first"], each["second"]) for each in summary["homogeneity"]] == [
-        ("loose", "usual"),
-        ("loose", "tight"),
-    ]
-    assert not any(each["equal"] for each in summary["homogeneity"])
-    _, first, *_ = overview_section(inputs).blocks
-    assert first.text.startswith("Tests loose and usual differ by more than their noise. 50 FRF values differ by ")
-    modes = ModeShift(80.0, -0.1, 0.02, (0.004, 0.012), 5.0), ModeShift(210.0, 0.01, 0.02)
-    compared = dataclasses.replace(inputs.summary.homogeneity[0], modes=modes)
-    inputs.__dict__["summary"] = dataclasses.replace(inputs.summary, homogeneity=(compared,))
-    table = overview_section(inputs).blocks[-1]
-    assert table.rows[0] == ("80", "-0.1", "0.02", "0.4", "1.2", "3", "5")
-    assert table.rows[1] == ("210", "+0.01", "0.02", "–", "–", "–", "–")
-
-
-@pytest.mark.parametrize(("name", "which"), [("k22", "overhangs"), ("k99", "torques")])
-def test_what_is_no_curve_is_refused_in_one_line(name, which, request):
-    with pytest.raises(ModelError, match=r"curve: found .*; expected .*; give") as caught:
-        request.getfixturevalue(which).curve(name)
-    assert "\n" not in str(caught.value)
+    signed = torques["loose.k12"] * np.where(np.arange(torques["loose.k12"].sizes["draw"]) % 2, 1.0, -1.0)
+    tree["posterior"] = xr.DataTree(torques.draws.assign({"loose.k12": signed}))
+    (table,) = ratios_of_tests(dataclasses.replace(torques, tree=tree))
+    assert ("k12", "loose over tight") not in {row[:2] for row in table.rows}
+    assert len(table.rows) == 5
 
 
 HEARD_FIRST = f"""{OF_PEAKS}

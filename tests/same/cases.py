@@ -78,9 +78,7 @@ data.frequencies_hz = [109.97873366105966, 637.5564954187803, 1507.7643742570735
 data.sd_relative = 0.0002
 uncertain.exact = ["youngs_modulus", "density", "length"]
 uncertain.model_error = {}
-level = { name = "torque", unit = "N m" }
-tests.low.level = 10.0
-tests.high.level = 20.0
+tests.low = {}
 tests.high.data.frequencies_hz = [110.99896851372999, 642.9967992331588, 1523.1028353611446, 2866.4288839412275]
 """
 

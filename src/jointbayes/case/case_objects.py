@@ -43,7 +43,6 @@ from jointbayes.frf import (
 )
 from jointbayes.inference import (
     JointPrior,
-    Level,
     Marginal,
     NoiseModel,
     Nuisance,
@@ -453,14 +452,6 @@ class CaseTest:
             return family
         return Substructures(family, self.bodies, next(iter(self.spec.bodies.values())).propagate)
 
-    @property
-    def level(self) -> Level | None:
-        """Level of the test, if it has one."""
-        stated, of = self.spec.tests.get(self.name), self.spec.level
-        if of is None or stated is None or stated.level is None:
-            return None
-        return Level(stated.level, of.name, of.unit)
-
     def named_nuisances(self) -> tuple[list[Nuisance], list[Nuisance]]:
         """Uncertain quantities, and those of the noise, by their names in the prior."""
         rest = [
@@ -535,7 +526,6 @@ def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
             built.joint,
             built.data,
             built.noise,
-            built.level,
         )
         (left_out if built.spec.leaves_out(built.name) else tests).append(test)
         if built.apart is not None:

@@ -29,7 +29,6 @@ from vibrecords.errors import printable
 
 _MOST_FILES = 10  # that build on each other
 _EXTENDS, _REMOVE, _TESTS = "extends", "remove", "tests"
-_LEVEL = ("level",)  # keys of a test that are none of its case
 
 Place = tuple[str, int]
 
@@ -345,9 +344,9 @@ def _texts_below(source: CaseText, table: object, path: tuple[str, ...]) -> dict
 
 
 def _text_of_test(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
-    table, depth = {key: value for key, value in stated.items() if key not in _LEVEL}, len(at)
+    table, depth = dict(stated), len(at)
     below = {path[depth:]: place for path, place in source.places.items() if path[:depth] == at}
-    inside = {path: place for path, place in below.items() if path and path[0] not in _LEVEL}
+    inside = {path: place for path, place in below.items() if path}
     if "noise" in table:
         table["noise"] = _own(table["noise"])
     if isinstance(uncertain := table.get("uncertain"), Mapping):

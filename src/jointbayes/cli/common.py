@@ -92,11 +92,8 @@ def load(config: Path) -> "Case":
 
 def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "Posterior":
     """Sample a case with progress on standard error."""
-    from jointbayes.posterior.homogeneity import compare_all_tests
     from jointbayes.workflow import sample as draw
 
-    for comparison in compare_all_tests(case.problem):
-        say(comparison.sentence)
     with show_progress() as progress:
         return draw(case, seed=seed, progress=progress, premises=take_as)
 

@@ -1,6 +1,5 @@
 """A test: what was tested in which state, and which of the uncertain quantities are its own."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
@@ -18,32 +17,6 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.structure import Body
 from vibrecords import Data, FrfSet
 from vibrecords.arrays import Indices
-
-
-@dataclass(frozen=True, slots=True)
-class Level:
-    """What a test was made at: a torque, a drive level, a temperature.
-
-    Parameters
-    ----------
-    value
-        The number.
-    name, unit
-        What it is, in words, and its unit.
-
-    Raises
-    ------
-    ModelError
-        If it is no finite number.
-    """
-
-    value: float
-    name: str = "level"
-    unit: str = ""
-
-    def __post_init__(self) -> None:
-        if not math.isfinite(self.value):
-            raise ModelError(f"level: found {self.value:g}; expected a finite number; correct it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +41,6 @@ class Test:
     noise
         How residuals of FRFs are distributed; None is Gaussian noise of the variance of the data. A law of
         one's own is a subclass of `NoiseModel`, or of `GaussianSpread` for independent Gaussian values.
-    level
-        What it was made at, for the curve of a joint whose quantities are its own in each test.
 
     Raises
     ------
@@ -84,7 +55,6 @@ class Test:
     joints: AnyJoint
     data: Data
     noise: NoiseModel | None = None
-    level: Level | None = None
 
     def __post_init__(self) -> None:
         missing = [name for name in ("structure", "joints", "data") if getattr(self, name) is None]

@@ -299,9 +299,6 @@ def _premises(part: Problem, there: Problem, errors: Array | None) -> tuple[str,
     if errors is not None:
         sd = 100 * float(np.median(errors.std(axis=0)))
         sentences.append(f"The model's error in natural frequencies is {sd:.2g} %, as the data of the run show it.")
-    if part.test.level is not None:
-        level = part.test.level
-        sentences.append(f"It is the joint at a {level.name} of {level.value:g} {level.unit}.".replace(" .", "."))
     return tuple(sentences)
 
 

@@ -20,7 +20,6 @@ from jointbayes.posterior.any_posterior import Solutions
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.compared_frfs import ComparedFrf, compare_frfs, sentences_of_faults
 from jointbayes.posterior.coordinates import by_names
-from jointbayes.posterior.curves import Curve, curve_of
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.directions import name_directions
@@ -651,23 +650,6 @@ class Posterior:
             self.assumptions,
             None if self.case is None else self.case.about,
         )
-
-    def curve(self, name: str, probability: float = 0.95) -> Curve:
-        """A quantity over the levels of the tests: its median and interval at each.
-
-        Parameters
-        ----------
-        name
-            The quantity as each test calls it: ``"k11"`` of ``"low.k11"`` and ``"high.k11"``.
-        probability
-            Inside the interval at each level.
-
-        Raises
-        ------
-        ModelError
-            If tests have no levels, or none has this quantity for itself.
-        """
-        return curve_of(self, name, probability)
 
     def save(self, path: str | os.PathLike[str], knowledge: Knowledge | None = None) -> None:
         """Write the posterior to a netCDF file, whole or not at all; `jointbayes.load_posterior` reads it.

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from jointbayes.frf import rigid_body_modes
-from jointbayes.inference import Level, Premises, Problem
+from jointbayes.inference import Premises, Problem
 from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.homogeneity import Homogeneity, compare_all_tests
 from jointbayes.posterior.identifiability import Identifiability
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
@@ -59,11 +58,10 @@ class FitSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TestSummary:
-    """What a run says of the data of one test; `level` and what it was are those of the test, if it had any."""
+    """What a run says of the data of one test."""
 
     __test__ = False
 
-    level: Level | None
     fit: FitSummary
     check: PredictiveCheck
     diagnosis: Diagnosis
@@ -74,7 +72,6 @@ class TestSummary:
     def as_json(self) -> dict[str, Any]:
         """What ``tests.NAME`` of ``summary.json`` holds."""
         return {
-            "level": None if self.level is None else asdict(self.level),
             "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
             "fit": fit_json(self.fit, self.diagnosis),
             "check": check_json(self.check, self.diagnosis),
@@ -171,8 +168,6 @@ class Summary:
     tests
         What is said of the data of each test, by its name; of a lone test under an empty name. Fit, check, diagnosis
         and natural frequencies above are then those of all data, of the test that fits worst, and of the first.
-    homogeneity
-        Whether tests of one structure measured the same.
     premises, model_error
         What the answer takes for granted; and the model's error in natural frequencies as it was inferred, None where
         there is no place for one.
@@ -203,7 +198,6 @@ class Summary:
     solutions: str
     left_out: tuple[LeftOut, ...]
     tests: Mapping[str, TestSummary]
-    homogeneity: tuple[Homogeneity, ...]
     premises: Premises
     model_error: InferredError | None
     assumptions: tuple[str, ...]
@@ -288,7 +282,6 @@ class Summary:
             "data_sha256": self.data_sha256,
             "measurement": next(iter(self.tests.values())).measurement,
             "tests": {name: test.as_json() for name, test in self.tests.items() if name},
-            "homogeneity": [comparison.as_json() for comparison in self.homogeneity],
             "compared_frfs": [{"test": test, **asdict(f)} for test, frfs in self.compared_frfs.items() for f in frfs],
         }
         return json_ready(summary)
@@ -355,7 +348,6 @@ def summarise(
         solutions=posterior.solutions.sentence,
         left_out=posterior.predict_left_out(),
         tests=tests,
-        homogeneity=compare_all_tests(problem),
         premises=problem.premises,
         model_error=posterior.model_error,
         assumptions=tuple(assumptions),
@@ -374,7 +366,6 @@ def summaries_of_tests(
         test, provenance = part.test, part.test.data.provenance
         measured_hz = measured_frequencies_hz if len(parts) == 1 else test.data.lowest_hz
         summaries[test.name] = TestSummary(
-            test.level,
             fit_of(part, posterior.estimate.theta),
             check,
             diagnosis,

@@ -23,7 +23,7 @@ from jointbayes.report.sections.measured_data import (
 )
 from jointbayes.report.sections.natural_frequencies import frequency_section, joint_in_modes_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
-from jointbayes.report.sections.several_tests import curve_section, overview_section, section_of_test
+from jointbayes.report.sections.several_tests import overview_section, section_of_test
 from jointbayes.report.sections.trust import worst_test
 
 Inputs = TypeVar("Inputs")
@@ -37,7 +37,7 @@ _OF_DATA = (measurement_section, measured_modes_section)
 PAGES: tuple[tuple[str, str, tuple[Section, ...], tuple[SectionOfData, ...]], ...] = (
     ("fit", "Measured and predicted", (overview_section,), (fit_section,)),
     ("modes", "Natural frequencies and modes", (), _OF_MODES),
-    ("posterior", "Stiffness", (answer_section, posterior_section, curve_section), ()),
+    ("posterior", "Stiffness", (answer_section, posterior_section), ()),
     ("known", "What the answer rests on", (knowledge_section, nuisance_section, left_out_section), ()),
     ("data", "Data", (case_warnings_section, measured_bodies_section), _OF_DATA),
 )

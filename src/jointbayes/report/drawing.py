@@ -283,19 +283,6 @@ def draw_mode_shape(
     legend_above(axes)
 
 
-def draw_level_curve(
-    axes: Axes, level: Array, median: Array, low: Array, high: Array, x_label: str, y_label: str
-) -> None:
-    """A quantity over levels, each array of shape (levels,): median and band."""
-    axes.fill_between(level, low, high, color=_BLUE, alpha=0.15, lw=0)
-    axes.vlines(level, low, high, color=_BLUE, lw=1.5)
-    axes.plot(level, median, "o-", ms=4, lw=1, color=_BLUE)
-    if low.min() > 0 and high.max() > 30 * low.min():
-        logarithmic(axes)
-    axes.set_xlabel(x_label)
-    axes.set_ylabel(y_label)
-
-
 def draw_frequency_errors(axes: Axes, measured: Array, sd: Array | None, rows: dict[str, Any]) -> None:
     """Deviation of predicted from measured natural frequencies in per cent, by mode.
 

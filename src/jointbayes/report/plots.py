@@ -23,7 +23,6 @@ from jointbayes.report.frf_curves import frf_curves, frf_unit
 from jointbayes.report.sections.intervals import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values
-from jointbayes.report.sections.several_tests import curve_values
 from jointbayes.rounding import quantity_text
 from vibrecords import FrfSet, ModeData
 
@@ -257,13 +256,6 @@ def _plot_predicted_shape(posterior: Posterior, problem: Problem, mode: int, ax:
     low, high = np.quantile(drawn[1:], [0.025, 0.975], axis=0)
     nothing, (ax,) = np.full(len(labels), np.nan), _axes(ax, 2.6)
     drawing.draw_mode_shape(ax, labels, nothing, nothing, drawn[0], low, high, over=labels[largest])
-    return ax
-
-
-def plot_levels(posterior: Posterior, name: str, *, ax: Axes | None = None) -> Axes:
-    """Draw a quantity over the levels of the tests that have it for themselves, see `Posterior.curve`."""
-    values, (ax,) = curve_values(_of(posterior).curve(name)), _axes(ax, 3.0)
-    drawing.draw_level_curve(ax, *values)
     return ax
 
 

@@ -32,8 +32,7 @@ from vibrecords import Quantity
 
 #: Tables of a case on data that there are none of.
 _OF_DATA = frozenset(
-    {"data", "noise", "left_out", "plan", "compare", "reference", "identification", "sampling"}
-    | {"tests", "level", "bodies"}
+    {"data", "noise", "left_out", "plan", "compare", "reference", "identification", "sampling"} | {"tests", "bodies"}
 )
 
 

@@ -227,7 +227,7 @@ def _together(before: Problem, new: Problem) -> tuple[Problem, Problem, tuple[st
         of_noise += own_named[end:]
     blocks = given.blocks if isinstance(given, Blocks) else (Block("", given, (0,)),)
     both = Blocks(tuple(_named(block, test) for test in _TESTS for block in blocks))
-    tests = [replace(p.test, name=test, level=None) for test, p in zip(_TESTS, (before, new), strict=True)]
+    tests = [replace(p.test, name=test) for test, p in zip(_TESTS, (before, new), strict=True)]
     whole = JointPrior(both, prior.marginals + new.prior.marginals, (*structural, *of_noise))
     guess = np.concatenate([before.first_guess, new.first_guess])
     own = Problem(tests, whole, guess, name="same", premises=before.premises)

@@ -225,7 +225,6 @@ TABLE = (
     Limits("sd_log decades", 1e-6, 100.0),
     Limits("sd_percent", 1e-6, 100.0),
     Limits("sd_mm low_mm high_mm", 1e-6, 1e6),
-    Limits("level", 1e-30, 1e30),
     Limits("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     Limits("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),
     Limits("dof scale_dof", 1e-6, 1e9),

@@ -117,9 +117,6 @@ class CompareSpec(Spec):
     hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
 
 
-_LEVEL = key_field("the level of the test in the unit of [level], a number", 2.0)
-_LEVEL_NAME = key_field("what the level is, a short text", "torque", min_length=1, max_length=60, pattern=r"^[^\r\n]+$")
-_LEVEL_UNIT = key_field("the unit of the level, a short text", "N m", max_length=20, pattern=r"^[^\r\n]*$")
 _REMOVE = key_field("a list of keys or tables of the rest of the file that this test does not take", ["prior.k12"])
 
 
@@ -140,7 +137,6 @@ class TestSpec(Spec):
     joints: Annotated[_Table, _changes("the joints")] = None
     uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
     data: Annotated[_Table, _changes("the data")] = None
-    level: Annotated[float | None, _LEVEL] = None
     bodies: Annotated[_Table, _changes("the measured bodies")] = None
     prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
     noise: Annotated[_Table, _changes("how residuals are judged")] = None
@@ -158,13 +154,6 @@ class LeftOutSpec(Spec):
     modes: Annotated[ListOf[Annotated[int, Field(ge=1, le=1000)]], max_length(1000), _LEFT_MODES] = ()
     bands_hz: Annotated[ListOf[_Band], max_length(1000), _LEFT_BANDS] = ()
     tests: Annotated[ListOf[Name], _LEFT_TESTS] = ()
-
-
-class LevelSpec(Spec):
-    """What the levels of the tests are: a torque, a drive level, a temperature."""
-
-    name: Annotated[str, _LEVEL_NAME]
-    unit: Annotated[str, _LEVEL_UNIT] = ""
 
 
 _MOST_LINES = 100_000  # of a prediction

@@ -42,7 +42,6 @@ from jointbayes.case.spec.settings_tables import (
     CompareSpec,
     IdentificationSpec,
     LeftOutSpec,
-    LevelSpec,
     NoiseModelSpec,
     PredictSpec,
     ReferenceSpec,
@@ -102,7 +101,6 @@ class CaseSpec(Spec):
     tests: Annotated[
         dict[Name, TestSpec], Field(description="several tests of the same joints, a table for each, as [tests.long]")
     ] = {}  # noqa: RUF012 (pydantic copies it)
-    level: Annotated[LevelSpec | None, Field(description="what the levels of the tests are: name, unit")] = None
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
     joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
@@ -317,22 +315,6 @@ def _test_findings(case: CaseSpec) -> Iterator[Finding]:
         for table in owned:
             fault, expected = "found true in a case of one test", "several, as [tests.long]"
             yield Finding((*table, "own"), fault, expected, "remove it")
-
-
-def _level_findings(case: CaseSpec) -> Iterator[Finding]:
-    """Yield levels of nothing that is named, of some tests only, or all alike."""
-    levels, level = {name: test.level for name, test in case.tests.items() if test.joined}, case.level
-    given = [name for name, value in levels.items() if value is not None]
-    if given and level is None:
-        fault, expected = f"found a level of {given[0]}, of nothing that is named", '[level] with a name, as "torque"'
-        yield Finding(("tests", given[0], "level"), fault, expected, "add a table [level]")
-    elif level is not None and (len(given) < len(levels) or not levels):
-        without = next((name for name, value in levels.items() if value is None), "")
-        fault = f"found no level of test {without}" if without else "found no tests"
-        yield Finding(("level",), fault, "a level in the table of each test", "add level = 2.0 or remove [level]")
-    elif given and len({levels[name] for name in given}) < 2:
-        fault = f"found the level {levels[given[0]]:g} alone, so that there is nothing to compare"
-        yield Finding(("level",), fault, "two levels at least that differ", "correct the levels or remove [level]")
 
 
 def _body_findings(case: CaseSpec) -> Iterator[Finding]:
@@ -577,7 +559,6 @@ def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:
 #: Rules between tables that are each right by themselves.
 _RULES = (
     _test_findings,
-    _level_findings,
     _body_findings,
     _joint_findings,
     _uncertain_findings,

@@ -124,23 +124,20 @@ def _structure(part: Problem) -> str:
 
 
 def _sentence(part: Problem, structure: str) -> str:
-    """One test: its structure, data, lines and band, averages, noise and level."""
+    """One test: its structure, data, lines and band, averages and noise."""
     test = part.test
     name = f"{foreign(test.name)} ({structure}): " if structure else f"{foreign(test.name)}: " if test.name else ""
-    level = (
-        "" if test.level is None else f", {foreign(test.level.name)} {test.level.value:g} {foreign(test.level.unit)}"
-    )
     frfs, modes = test.data.shown_frfs, test.data.modes
     if frfs is not None:
         seen = "" if modes is None else f"; analysed by the {modes.frequency_hz.size} modes that they show"
-        return f"{name}{_frfs(test, frfs)}{level}{seen}."
+        return f"{name}{_frfs(test, frfs)}{seen}."
     if modes is not None:
         spread = float(np.median(modes.sd_hz / modes.frequency_hz))
         low, high = modes.band_hz
         band = f"{low:.5g} to {high:.5g} Hz" if high > low else f"{low:.5g} Hz"
         what = foreign(test.data.in_short())
-        return f"{name}{what}, {band}, each known to {percent(spread)} (standard deviation){level}."
-    return f"{name}{foreign(test.data.in_short())}{level}."
+        return f"{name}{what}, {band}, each known to {percent(spread)} (standard deviation)."
+    return f"{name}{foreign(test.data.in_short())}."
 
 
 def _frfs(test: Test, data: FrfData) -> str:

@@ -1,25 +1,22 @@
-"""Several tests: a table of all, what is said of the data of each, and quantities over their levels."""
+"""Several tests: a table of all, what is said of the data of each, and ratios of what is each test's own."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from jointbayes.posterior.curves import Curve, curves_of
-from jointbayes.report import drawing
-from jointbayes.report.inputs import ReportInputs, TestInputs
-from jointbayes.report.markup import foreign, kind_of
-from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import interval, number
-from vibrecords.arrays import Array
+import numpy as np
 
-_OF_NOISE = "Standard deviations are those of the noise, of the fit of the modes or as stated for them."
+from jointbayes.posterior.posterior import Posterior
+from jointbayes.report.inputs import ReportInputs, TestInputs
+from jointbayes.report.markup import foreign
+from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
+from jointbayes.rounding import number
 
 
 def overview_section(inputs: ReportInputs) -> ReportSection | None:
     """A row for each test: its data, and whether the model explains them; None of a lone test."""
     if len(inputs.tests) == 1:
         return None
-    levels = [test.summary.level for test in inputs.tests if test.summary.level is not None]
     rows = []
     for test in inputs.tests:
         fit, check = test.summary.fit, test.summary.check
@@ -27,44 +24,15 @@ def overview_section(inputs: ReportInputs) -> ReportSection | None:
         data += "" if test.problem.test.joints.size else "; nothing joined"
         row = [foreign(test.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
         row.append("yes" if check.explains else "no")
-        if levels:
-            level = test.summary.level
-            row.insert(1, "–" if level is None else number(level.value))
         rows.append(tuple(row))
-    head = ["Test", "Data", "Values", "Misfit over noise", "Explained"]
-    if levels:
-        unit = f" ({levels[0].unit})" if levels[0].unit else ""
-        head.insert(1, foreign(f"{levels[0].name.capitalize()}{unit}"))
+    head = ("Test", "Data", "Values", "Misfit over noise", "Explained")
     note = (
         "Misfit over noise: of the best fit to all tests, about 1 expected. Explained: whether the model explains "
         "its data. A quantity whose name begins with a test's is its own; all others are one for all."
     )
     kinds = tuple("" if test.summary.check.explains else "bad" for test in inputs.tests)
-    table = Table("Tests", tuple(head), tuple(rows), note=note, row_kinds=kinds)
-    return ReportSection("tests", "Tests", (table, *_equality(inputs)))
-
-
-def _equality(inputs: ReportInputs) -> list[Block]:
-    """Whether tests of one structure measured the same, and how far each mode moves."""
-    blocks: list[Block] = []
-    for each in inputs.summary.homogeneity:
-        blocks.append(Paragraph(foreign(each.sentence)))
-        rows = tuple(
-            (
-                number(mode.frequency_hz, 5),
-                f"{mode.frequency_percent:+.2g}",
-                number(mode.frequency_percent_sd, 2),
-                *((number(100 * ratio) for ratio in mode.damping_ratio) if mode.damping_ratio else ("–", "–")),
-                number(mode.damping_factor),
-                number(mode.damping_percent_sd, 2),
-            )
-            for mode in each.modes
-        )
-        if rows:
-            head = ("Mode (Hz)", "Moves by (%)", "sd (%)", "Damping ratio (%)", "then (%)", "Factor", "sd (%)")
-            title = foreign(f"Modes of {each.first}, and how far they move to {each.second}")
-            blocks.append(Table(title, head, rows, note=_OF_NOISE))
-    return blocks
+    table = Table("Tests", head, tuple(rows), note=note, row_kinds=kinds)
+    return ReportSection("tests", "Tests", (table, *ratios_of_tests(inputs.posterior)))
 
 
 def section_of_test(place: int, inputs: TestInputs, sections: Sequence[ReportSection]) -> ReportSection:
@@ -79,46 +47,23 @@ def section_of_test(place: int, inputs: TestInputs, sections: Sequence[ReportSec
     return ReportSection(f"test-{place}", f"Test {foreign(inputs.problem.test.name)}", tuple(blocks))
 
 
-def curve_section(inputs: ReportInputs) -> ReportSection | None:
-    """A table and a figure for each quantity that is each test's own; None where tests have no levels."""
-    curves = curves_of(inputs.posterior)
-    if not curves:
-        return None
-    of = curves[0].of
-    blocks: list[Block] = []
-    for i, curve in enumerate(curves, 1):
-        blocks.append(Paragraph(foreign(curve.sentence)))
-        blocks += [_table(inputs, curve), _figure(i, curve)]
-    damping = inputs.posterior.problem.parametrisation.damped
-    what = "Stiffness and damping" if damping else "Stiffness"
-    return ReportSection("curve", foreign(f"{what} over the {of.name}"), tuple(blocks))
-
-
-def _axis(curve: Curve) -> str:
-    return foreign(f"{curve.of.name.capitalize()}{f' ({curve.of.unit})' if curve.of.unit else ''}")
-
-
-def _table(inputs: ReportInputs, curve: Curve) -> Table:
-    rows, kinds = [], []
-    for i, (test, name) in enumerate(zip(curve.tests, curve.quantities, strict=True)):
-        assessment = inputs.summary.parameters[name].known
-        verdict = assessment.words
-        ends = interval((curve.low[i], curve.high[i]))
-        rows.append((number(curve.level[i]), foreign(test), number(curve.median[i]), ends, curve.unit, verdict))
-        kinds.append(kind_of(verdict))
-    head = (_axis(curve), "Test", "Median", "95 % credible interval", "Unit", "Verdict")
-    return Table(foreign(f"{curve.name} at each level"), head, tuple(rows), row_kinds=tuple(kinds))
-
-
-def _figure(place: int, curve: Curve) -> Figure:
-    caption = f"{curve.name} over the {curve.of.name}: median and 95 % credible interval at each level."
-    ends = [number(curve.median[0]), number(curve.median[-1])]
-    alt = f"{curve.name} from {ends[0]} at the lowest level to {ends[1]} at the highest."
-    svg = drawing.draw_alone(drawing.draw_level_curve, *curve_values(curve), height=3.0)
-    return Figure(f"curve-{place}", foreign(caption), foreign(alt), svg)
-
-
-def curve_values(curve: Curve) -> tuple[Array, Array, Array, Array, str, str]:
-    """Levels, median and interval at each, and the labels of both axes."""
-    unit = "" if curve.unit == "1" else f" ({curve.unit})"
-    return curve.level, curve.median, curve.low, curve.high, _axis(curve), f"{curve.name}{unit}"
+def ratios_of_tests(posterior: Posterior) -> tuple[Table, ...]:
+    """Each test's own quantity over the same quantity of the first test; no table where tests share all."""
+    owners: dict[str, list[str]] = {}
+    for name in posterior.stiffness_names:
+        for test in posterior.problem.tests:
+            own = f"{test.name}."
+            if name[: len(own)] == own:
+                owners.setdefault(name[len(own) :], []).append(test.name)
+    rows = []
+    for name, (first, *others) in owners.items():
+        for other in others:
+            over, below = posterior[f"{other}.{name}"].values, posterior[f"{first}.{name}"].values
+            if min(over.min(), below.min()) <= 0:  # of draws of either sign a ratio says nothing
+                continue
+            low, median, high = np.quantile(over / below, [0.025, 0.5, 0.975]).tolist()
+            ends = f"{number(low, 4)} to {number(high, 4)}"
+            rows.append((name, foreign(f"{other} over {first}"), number(median, 4), ends))
+    head = ("Quantity", "Tests", "Ratio (median)", "95 % interval")
+    note = "A ratio is often known better than its parts, which share material, damping and errors of the model."
+    return (Table("Ratios of tests", head, tuple(rows), note=note),) if rows else ()
