@@ -222,7 +222,6 @@ ASKED = {
     "DEWESoft's two estimators": (TWO_ESTIMATORS, "frf with coherence"),
     "a phase in radians": ({"f": LINES, "mag": SIZE, "phase": PHASE, "coh": COHERENCE}, "frf with coherence"),
     "a phase in radians, in a struct": ({"run": {"f": LINES, "mag": SIZE, "phase": PHASE}}, "frf"),
-    "a phase without a name": ({"f": LINES, "mag": SIZE, "turn": PHASE, "coh": COHERENCE}, "frf with coherence"),
     "decibels below 0": ({"f": LINES, "H_mag": 20 * np.log10(SIZE), "H_phase_rad": PHASE, "coh": COHERENCE},
                          "frf with coherence"),
     "a matrix of t, F, x": ({"Data": np.column_stack([TIME, FORCE, MOTION])}, HITS),

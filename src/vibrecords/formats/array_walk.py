@@ -20,7 +20,9 @@ from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.named_arrays import (
     ALIASES,
+    RATE_KEY,
     Block,
+    axis_of,
     is_complex,
     is_text,
     rises,
@@ -28,11 +30,19 @@ from vibrecords.formats.named_arrays import (
     square_error,
     strings,
     time_records,
-    two_axes_error,
 )
 from vibrecords.formats.table_text import float_of
 from vibrecords.formats.units import TIME_S, frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
-from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord
+from vibrecords.records import (
+    HIGHEST_HZ,
+    MOST_AVERAGES,
+    CoherenceRecord,
+    FrfRecord,
+    ModeRecord,
+    Record,
+    SpectrumRecord,
+    is_two_sided,
+)
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.
 _MOST_RADIANS = 4 * np.pi
@@ -56,9 +66,9 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
         If a frequency axis is missing or is one of two, shapes do not agree, or what is given has two readings.
     """
     frfs = _frfs(block)
-    coherences = [name for name in block.named("coherence") if frfs or _axes(block, block.numbers(name).shape)]
+    coherences = [name for name in block.named("coherence") if frfs or _axis(block, name, block.numbers(name).shape)]
     if coherences and not frfs and any(block.named(part) for part in ("magnitude", "real", "imaginary")):
-        raise MeasurementError(_not_understood([block]))  # an FRF of which one part has another name
+        raise _not_understood([block])  # an FRF of which one part has another name
     pairs = dict(_pairs(block, [frf.name for frf in frfs], coherences))
     for frf in frfs:
         yield from _frf_records(block, frf, pairs.get(frf.name), alone=len(frfs) == 1)
@@ -70,7 +80,7 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
             yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
     for name in block.named("spectrum"):
         array = block.numbers(name, np.complex128)
-        if array.ndim < 3 and _axes(block, array.shape):
+        if array.ndim < 3 and _axis(block, name, array.shape):
             kind = block.string("kind") or " ".join(w for w in re.split(r"[\W_]+", name) if not w.isdecimal())
             alone = bool(block.strings("outputs"))
             for labels, lines, values, where, notes in _columns_of_frf(block, _Values(name, array), alone=alone):
@@ -102,24 +112,11 @@ def _frfs(block: Block) -> list[_Values]:
     if named and not frfs:
         frfs = [_polar(block, *names) for names in _pairs(block, block.named("frf"), phases)]
     if named and not frfs:
-        others = [
-            n
-            for role in ("", "signal")
-            for n in block.named(role)
-            if size_of(block.get(n)) == size_of(block.get(named[0]))
-        ]
-        if keys := _matrix_keys(block, named[0]):
-            keys = f"write {keys}"
-        elif others:
-            keys = (
-                f"write {_paste(block, real=named[0], imaginary=others[0])}, or magnitude and phase_deg or phase_rad so"
-            )
-        else:
-            keys = f"export the other part as well, or write {_paste(block, real=named[0])} if it is a real part alone"
-        found = f"{block.where(named[0])}: found real numbers, which may be the real part of an FRF or its magnitude"
-        raise MeasurementError(
-            f"{found}; expected complex numbers, or the other part with them; {keys}, in [data.layout]"
-        )
+        alone = f"export the other part as well, or write {_paste(block, real=named[0])} if it is a real part alone"
+        keys = f"write {keys}" if (keys := _keys_to_paste(block)) else alone
+        found = "found real numbers, which may be the real part of an FRF or its magnitude"
+        expected = "complex numbers, or the other part with them"
+        raise MeasurementError.of(block.where(named[0]), (), found, expected, f"{keys}, in [data.layout]")
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
         raise MeasurementError(
             f"{block.where(named[0])}: found {' and '.join(named)}, which may be estimates of one FRF or FRFs of "
@@ -175,29 +172,19 @@ def _polar(block: Block, name: str, of_phase: str) -> _Values:
 # ---- axes
 
 
-def _axes(block: Block | None, shape: tuple[int, ...]) -> list[tuple[Block, str]]:
-    """Frequency vectors that fit an array, of the innermost block that has one; such in Hz before those in rad/s."""
-    while block is not None:
-        for role in ("frequency", "omega"):
-            names = [n for n in block.named(role) if size_of(block.get(n)) in shape and not is_complex(block.get(n))]
-            if names:
-                return [(block, n) for n in names if block.stated(n)] or [(block, n) for n in names]
-        block = block.outer
-    return []
+def _axis(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Block, str] | None:
+    return axis_of(block, name, shape, ("frequency", "omega"), "frequency_hz")
 
 
 def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
     """Frequency lines of an array, in Hz, with notes."""
-    axes = _axes(block, shape) or [(block, axis) for role in ("frequency", "omega") for axis in block.named(role, 0)]
-    if not axes:
+    of_another_size = (axis for role in ("frequency", "omega") for axis in block.named(role, 0))
+    holder, axis = _axis(block, name, shape) or (block, next(of_another_size, ""))
+    if not axis:
         return _counted_lines(block, name, shape)
-    holder, axis = axes[0]
-    lines, role = holder.numbers(axis).ravel(), holder.meanings[axis].role
-    for _, other in axes[1:]:
-        if role == holder.meanings[other].role and not np.array_equal(holder.numbers(other).ravel(), lines):
-            raise two_axes_error(holder, name, (axis, other), "frequency_hz")
-    unit = "rad/s" if role == "omega" else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
-    return in_hz(lines, unit, holder.where(axis), "correct it")
+    in_rad_s = holder.meanings[axis].role == "omega"
+    unit = "rad/s" if in_rad_s else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
+    return in_hz(holder.numbers(axis).ravel(), unit, holder.where(axis), "correct it")
 
 
 def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
@@ -216,13 +203,9 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
             f"variable '{axes[0]}': found an axis that may be in rad/s or in Hz; expected its name to say which; write "
             f'omega_rad_s = "{axes[0]}" or frequency_hz = "{axes[0]}" in [data.layout]'
         )
-    rising = [n for n, v in block.arrays.items() if size_of(v) in shape and rises(v)]
-    keys = f'frequency_hz = "{block.path(rising[0])}"' if rising else _matrix_keys(block, name)
-    numbers_of = 'f_start_hz = "0", f_step_hz = "0.5" with the first line and the step in Hz'
-    raise MeasurementError(
-        f"{block.where(name)}: found no frequency lines with it; expected a variable 'frequency_hz' or 'omega_rad_s'; "
-        f"write {keys or numbers_of} in [data.layout]"
-    )
+    keys = _keys_to_paste(block) or 'f_start_hz = "0", f_step_hz = "0.5" with the first line and the step in Hz'
+    expected, remedy = "a variable 'frequency_hz' or 'omega_rad_s'", f"write {keys} in [data.layout]"
+    raise MeasurementError.of(block.where(name), (), "found no frequency lines with it", expected, remedy)
 
 
 def _arrange(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple[NDArray[Any], list[str]]:
@@ -341,25 +324,29 @@ def _averages(block: Block) -> int | None:
 
 #: What modes are made of as pyOMA names it: the key of a layout, and the names that other programs give.
 _MODES = {
-    "fn": ("mode_frequencies_hz", r"^(f_?n|(natural|modal|modes?|resonan[ct]e?|eigen)_?freq(uenc(y|ies)|s)?(_?hz)?)$"),
-    "xi": ("damping_ratios", r"damp.*(ratio|perc|pct)|zeta"),
-    "phi": ("mode_shapes", r"shapes?$|^phi$|^psi$"),
+    "fn": ("mode_frequencies_hz", r"(f_?n|(natural|modal|modes?|resonan[ct]e?|eigen)_?freq(uenc(y|ies)|s)?(_?hz)?)"),
+    "xi": ("damping_ratios", r".*(damp.*(ratio|perc|pct)|zeta).*"),
+    "phi": ("mode_shapes", r".*shapes?|phi|psi"),
+    "fn_std": ("fn_std", "fn_std"),
+    "xi_std": ("xi_std", "xi_std"),
 }
 
 
 def _mode_names(block: Block) -> dict[str, str]:
-    """Names of what modes are made of: as pyOMA or the user names them, or frequencies with as many damping ratios."""
-    keys = {"fn_std": "fn_std", "xi_std": "xi_std", **{name: key for name, (key, _) in _MODES.items()}}
-    found = {name: next((n for n in (key, name) if size_of(block.get(n))), "") for name, key in keys.items()}
-    alike = {name: [n for n in block.arrays if re.search(f"(?i){its}", n)] for name, (_, its) in _MODES.items()}
-    alike |= {name: [found[name]] for name in _MODES if found[name]}
-    alike["fn"] = alike["fn"] or block.named("frequency", 1)
-    if len(alike["fn"]) == 1 and not block.named("frf"):
-        count = size_of(block.get(*alike["fn"]))
-        alike["xi"] = [name for name in alike["xi"] if size_of(block.get(name)) == count > 0]
-        if found["fn"] or len(alike["xi"]) == 1:
-            found |= {key: names[0] for key, names in alike.items() if len(names) == 1}
-    return {key: name for key, name in found.items() if name}
+    """Names of what modes are made of: as the user or pyOMA names them, or other programs where there is no FRF.
+
+    A frequency axis is none of modes, unless as many damping ratios stand next to it.
+    """
+    names: dict[str, str] = {}
+    for key, (own, pattern) in _MODES.items():
+        stated = next((n for n in (own, key) if size_of(block.get(n))), "")
+        alike = [n for n in block.arrays if re.fullmatch(pattern, n, re.IGNORECASE) and not block.named("frf")]
+        if stated or len(alike) == 1:
+            names[key] = stated or alike[0]
+    axes, ratios = block.named("frequency", 1), size_of(block.get(names.get("xi", "")))
+    if "fn" not in names and len(axes) == 1 and ratios == size_of(block.get(axes[0])) > 0:
+        names["fn"] = axes[0]
+    return names
 
 
 def mode_records(block: Block) -> Iterator[ModeRecord]:
@@ -427,10 +414,6 @@ _VALUES |= {"outputs", "inputs"}
 #: Keys of a layout for arrays.
 LAYOUT_KEYS = (*_AXES, *_DATA)
 _MOST_LISTED = 8
-#: Modes of a test; a longer array of frequencies is an axis.
-_MOST_MODES = 200
-#: Damping ratios of a list of modes stay below.
-_HIGHEST_RATIO = 0.3
 #: What structs that describe themselves hold, by words of their type.
 _KINDS = (("coherence", "coh"), ("spectrum", "spectr|psd|fft|power|cross"), ("frf", "frf|transfer|frequency ?response"))
 
@@ -460,17 +443,13 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
             if holder.meanings[name].role == "phase":
                 blocks = [_with_phase_unit(block, key.removeprefix("phase_")) for block in blocks]
                 layout = {other: path for other, path in layout.items() if other != key}
-            elif len(sizes := holder.named("magnitude")) == 1:  # whose phase has another name
-                layout = {**layout, "magnitude": holder.path(sizes[0])}
-                layout |= dict(zip(["coherence"], map(holder.path, holder.named("coherence")), strict=False))
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
+    records = [*_records(used)]
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
-    for record in _records(block for block in used if block.named("coherence")):
+    for record in records:
         if isinstance(record, CoherenceRecord):
             apart.setdefault((record.response, record.reference), []).append(record)
-    understood = bool(apart)
-    for record in _records(used):
-        understood = True
+    for record in records:
         if isinstance(record, FrfRecord) and record.coherence is None:
             of_pair = apart.get((record.response, record.reference))
             if of_pair and np.array_equal(of_pair[0].frequency_hz, record.frequency_hz):
@@ -479,8 +458,8 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
             yield record
     for of_pair in apart.values():
         yield from of_pair
-    if not understood and any(block.arrays for block in blocks):
-        raise MeasurementError(_not_understood(blocks))
+    if not records and any(block.arrays for block in blocks):
+        raise _not_understood(blocks)
 
 
 def _records(blocks: Iterable[Block]) -> Iterator[Record]:
@@ -797,34 +776,31 @@ def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
 
 # ---- what is not understood
 
-
-def _not_understood(blocks: list[Block]) -> str:
-    """All arrays by name, shape and type, as far as there is room, and the keys to paste."""
-    entries = [(b, n, v) for b in blocks for n, v in b.arrays.items() if size_of(v) or isinstance(v, Unread)]
-    entries.sort(key=lambda entry: -min(size_of(entry[2]), 2))
-    listed = ", ".join(f"'{(b.place + n)[-60:]}' ({_described(b, n, v)})" for b, n, v in entries[:_MOST_LISTED])
-    more = f" and {len(entries) - _MOST_LISTED} more" if len(entries) > _MOST_LISTED else ""
-    keys = next(filter(None, map(_keys_of_shapes, blocks)), "")
-    said = f"write {keys} in [data.layout]" if keys else 'say in [data.layout] which is which, as frequency_hz = "name"'
-    return (
-        f"content: found neither FRFs nor time histories in {listed or 'texts alone'}{more}; expected arrays of known "
-        f"names, such as 'frequency_hz' and 'frf' or 'time' and 'force'; {said} (or inspect --layout KEY=NAME)"
-    )
-
-
-def _described(block: Block, name: str, value: Any) -> str:  # noqa: ANN401
-    """Shape and type of an array, and what is missing of a pair."""
-    if isinstance(value, Unread):
-        return value.what
-    first = value[0] if isinstance(value, list) else value
-    shape = f"{len(value)} cells" if isinstance(value, list) else " x ".join(map(str, first.shape)) or "1"
-    kind = {"c": "complex", "i": "whole", "u": "whole"}.get(getattr(first, "dtype", np.dtype(float)).kind, "real")
-    role = block.meanings[name].role
-    return f"{shape} {kind}" + (f", {role}: the other part is missing" if role in _PARTS else "")
-
-
 _PARTS = ("magnitude", "phase", "real", "imaginary")
-_RATE = 'sample_rate_hz = "1024" with your own rate in Hz'
+
+
+def _not_understood(blocks: list[Block]) -> MeasurementError:
+    """Refusal that lists all arrays by name, shape and type, as far as there is room, with the keys to paste."""
+    listed: list[tuple[int, str]] = []
+    for block in blocks:
+        for name, value in block.arrays.items():
+            first, role = value[0] if isinstance(value, list) and value else value, block.meanings[name].role
+            shape = f"{len(value)} cells" if isinstance(value, list) else " x ".join(map(str, np.shape(value))) or "1"
+            kind = {"c": "complex", "i": "whole", "u": "whole"}.get(
+                getattr(first, "dtype", np.dtype(float)).kind, "real"
+            )
+            missing = f", {role}: the other part is missing" if role in _PARTS else ""
+            what = value.what if isinstance(value, Unread) else f"{shape} {kind}{missing}"
+            if size_of(value) or isinstance(value, Unread):
+                listed.append((-min(size_of(value), 2), f"'{(block.place + name)[-60:]}' ({what})"))
+    listed.sort(key=lambda entry: entry[0])
+    shown = ", ".join(entry for _, entry in listed[:_MOST_LISTED]) or "texts alone"
+    more = f" and {len(listed) - _MOST_LISTED} more" if len(listed) > _MOST_LISTED else ""
+    keys = next(filter(None, map(_keys_to_paste, blocks)), 'frequency_hz = "NAME", frf = "NAME" with these names')
+    expected = "arrays of known names, such as 'frequency_hz' and 'frf' or 'time' and 'force'"
+    remedy = f"write {keys} in [data.layout] (or inspect --layout KEY=NAME)"
+    found = f"found neither FRFs nor time histories in {shown}{more}"
+    return MeasurementError.of("content", (), found, expected, remedy)
 
 
 def _paste(block: Block, **names: str) -> str:
@@ -834,78 +810,50 @@ def _paste(block: Block, **names: str) -> str:
     return ", ".join(f'{key} = "{block.path(name)}"' for key, name in names.items())
 
 
-def _axis_kind(axis: NDArray[Any]) -> str:
-    """What an axis may be of: time in even steps below 0.01, frequency in steps of 0.1 and more; else empty."""
-    steps = np.diff(axis.astype(float).ravel())
-    even = np.ptp(steps) < 0.5 * steps.mean()
-    return "time" if even and steps.mean() < 0.01 else "frequency" if steps.mean() >= 0.1 or not even else ""
+def _keys_to_paste(block: Block) -> str:
+    """Keys for arrays whose names do not say enough; the user knows which of two readings is right.
 
-
-def _matrix_keys(block: Block, name: str) -> str:
-    """Keys for a matrix of an axis and what stands over it, of parts, or of channels; empty for another array."""
-    value = block.get(name)
-    if size_of(value) < 8 or not isinstance(value, np.ndarray) or value.ndim != 2 or min(value.shape) < 2:
-        return ""
-    upright = value.shape[0] >= value.shape[1]
-    columns, form = (value, "{}(:,{})") if upright else (value.T, "{}({},:)")
-    count, first = columns.shape[1], columns[:, 0]
-
-    def paste(*keys: str, start: int = 1) -> str:
-        numbers_ = [str(i) for i in range(start, start + len(keys))]
-        if keys[-1] in ("samples", "frf"):  # all that are left
-            numbers_[-1] = f"{start + len(keys) - 1}:{count}" if start + len(keys) - 1 < count else numbers_[-1]
-        return _paste(block, **{key: form.format(name, i) for key, i in zip(keys, numbers_, strict=True)})
-
-    if is_complex(value):
-        return paste("frequency_hz", "frf") if rises(first.real) and not first.imag.any() else ""
-    if rises(first):
-        kind, known_frf = _axis_kind(first), block.meanings[name].role == "frf"
-        over_time = paste("time", *{2: ("response",), 3: ("force", "response")}.get(count, ("samples",)))
-        parts = (
-            f"{paste('frequency_hz', 'real', 'imaginary')}, or magnitude with phase_deg or phase_rad"
-            if count > 2
-            else ""
-        )
-        if kind == "time" and not known_frf:
-            return over_time
-        either = parts if known_frf or kind == "frequency" else f"{over_time}; or {parts}" if parts else over_time
-        return either or f"{paste('frequency_hz')}, and export the phase as well"
-    on_lines = _axes(block, columns.shape) or {block.scalar("f_step"), block.scalar("f_start")} != {None}
-    if count == 2 and (on_lines or block.meanings[name].role == "frf"):
-        return paste("real", "imaginary")
-    rate = {block.scalar("rate"), block.scalar("interval")} != {None}
-    return _paste(block, samples=name) + ("" if rate else f", {_RATE}") if upright and count < 100 else ""
-
-
-def _keys_of_shapes(block: Block) -> str:
-    """Keys for the arrays of a block whose names say nothing, by their shapes alone; empty where these say nothing."""
-    arrays = {n: v for n, v in block.arrays.items() if isinstance(v, np.ndarray) and size_of(v) > 1}
-    role_of = {name: block.meanings[name].role for name in arrays}
-    axes = [n for n, v in arrays.items() if v.size == max(v.shape) and (rises(v) or block.is_two_sided(n))]
-    for axis in axes:
-        size, same = arrays[axis].size, [n for n, v in arrays.items() if n != axis and arrays[axis].size in v.shape]
-        unknown = [n for n in same if role_of[n] in ("", "signal", "meta") and arrays[n].ndim < 3]
-        real = [n for n in unknown if arrays[n].size == size and not is_complex(arrays[n])]
-        ratios = [n for n in real if size < _MOST_MODES and 0 < arrays[n].min() <= arrays[n].max() < _HIGHEST_RATIO]
-        if len(ratios) == 1 and not re.search("(?i)omega|loss", ratios[0]):
-            shapes = [n for n in same if arrays[n].size > size and arrays[n].ndim < 3]
-            more = {"mode_shapes": shapes[0]} if shapes else {}
-            return _paste(block, mode_frequencies_hz=axis, damping_ratios=ratios[0], **more)
-        if len(real) == 1 and "magnitude" in {role_of[n] for n in same}:
-            return f"{_paste(block, phase_rad=real[0])} or {_paste(block, phase_deg=real[0])}"
-        if over_lines := [n for n in unknown if is_complex(arrays[n])]:
-            return _paste(block, frequency_hz=axis, frf=over_lines[0])
-        if not role_of[axis] and {role_of[n] for n in same} & {"frf", "coherence", "spectrum", *_PARTS}:
-            return _paste(block, frequency_hz=axis)
-        kind = "frequency" if block.is_two_sided(axis) or role_of[axis] == "frequency" else _axis_kind(arrays[axis])
-        if unknown and kind != "frequency":
-            return _paste(block, time=axis)  # all arrays of this length are then histories under their own names
-        if len(real) > 1:
-            keys = _paste(block, frequency_hz=axis, real=real[0], imaginary=real[1])
-            return f"{keys}, or magnitude with phase_deg or phase_rad"
+    1. Vectors are the arrays of one axis, and the columns of a matrix that begins with an axis or may be two parts.
+    2. The first vector that rises is the axis; vectors of its length stand over it.
+    3. Over lines these are FRFs or their parts, over instants time histories.
+    """
+    # 1. vectors by their paths
+    arrays = {n: v for n, v in block.arrays.items() if isinstance(v, np.ndarray) and size_of(v) > 1 and v.ndim < 3}
+    vectors = {n: v.ravel() for n, v in arrays.items() if v.size == max(v.shape)}
+    on_lines = block.scalar("f_step") is not None
     for name, value in arrays.items():
-        if keys := _matrix_keys(block, name):
-            return keys
-        if value.size == max(value.shape) > _MOST_MODES and role_of[name] in ("", "signal") and not is_complex(value):
-            return f"{_paste(block, response=name)}, {_RATE}"
-    return ""
+        columns, form = (value, "{}(:,{})") if len(value) >= value.shape[-1] else (value.T, "{}({},:)")
+        if name not in vectors and (rises(columns[:, 0].real) or (columns.shape[1] == 2 and (vectors or on_lines))):
+            vectors |= {form.format(name, i): c if c.imag.any() else c.real for i, c in enumerate(columns.T, start=1)}
+    # 2. the axis, and what stands over it
+    roles = {path: block.meanings[path].role if path in arrays else "" for path in vectors}
+    values = {"frf", "coherence", "spectrum", *_PARTS}
+    may_be_axes = {path: v for path, v in vectors.items() if roles[path] not in values and not is_complex(v)}
+    axis = next((path for path, v in may_be_axes.items() if rises(v) or is_two_sided(v)), "")
+    others = [path for path, v in vectors.items() if path != axis and (not axis or v.size == vectors[axis].size)]
+    unknown = [path for path in others if roles[path] in ("", "signal", "meta", "frf")]
+    parts = dict(zip(("real", "imaginary"), unknown, strict=False))
+    if not axis:
+        if on_lines and len(unknown) > 1:
+            return _paste(block, **parts)
+        channels = [n for n in arrays if not is_complex(arrays[n]) and roles.get(n) in (None, "", "signal")]
+        rate = {block.scalar("rate"), block.scalar("interval")} != {None}
+        key = {"response" if n in vectors else "samples": n for n in channels[:1]}
+        return _paste(block, **key) + ("" if rate else f", {RATE_KEY}") if key else ""
+    # 3. over lines, or over instants
+    if not roles[axis] and {roles[path] for path in others} & values:
+        return _paste(block, frequency_hz=axis)
+    if frfs := [path for path in unknown if is_complex(vectors[path])]:
+        return _paste(block, frequency_hz=axis, frf=frfs[0])
+    as_parts = f"{_paste(block, frequency_hz=axis, **parts)}, or magnitude with phase_deg or phase_rad"
+    if axis in arrays:
+        named = {}  # arrays over the instants are histories under their own names
+    elif len(others) > 2:
+        named = {"samples": re.sub(r"2(?=[,)])", f"2:{len(others) + 1}", others[0])}
+    else:
+        named = dict(zip(("force", "response")[-len(others) :], others, strict=True))
+    as_histories = _paste(block, time=axis, **named)
+    steps = np.diff(vectors[axis])
+    if roles[axis] == "frequency" or steps.mean() >= 0.1 or not np.ptp(steps) < 0.5 * abs(steps.mean()):
+        return as_parts if len(unknown) > 1 else ""
+    return as_histories if steps.mean() < 0.01 or len(unknown) < 2 else f"{as_histories}; or {as_parts}"

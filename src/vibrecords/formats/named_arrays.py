@@ -15,6 +15,8 @@ from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.units import TIME_S, UNIT_ATTRIBUTES, read_sensor_unit, scaled
 from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
 
+#: Key of a layout that states what no file says.
+RATE_KEY = 'sample_rate_hz = "1024" with your own rate in Hz'
 #: Roles of axes of frequency and time.
 _AXIS_ROLES = ("frequency", "omega", "time")
 #: Names by which each array is known, the one we write first; compared without regard to case.
@@ -462,27 +464,43 @@ def square_error(block: Block, name: str, shape: tuple[int, ...], what: str, key
     )
 
 
+def axis_of(
+    block: Block, name: str, shape: tuple[int, ...], roles: tuple[str, ...], key: str
+) -> tuple[Block, str] | None:
+    """The axis that belongs to an array, with its block: of the array's own name, or the one that fits its shape.
+
+    It stands in the array's block or in the innermost outer one that has an axis; None where there is none that fits.
+
+    Raises
+    ------
+    MeasurementError
+        If two fit that differ, with `key` as the key of a layout that decides.
+    """
+    holder: Block | None = block
+    while holder is not None:
+        for role in roles:
+            axes = holder.named(role)
+            alike = [axis for axis in axes if holder.rest(axis) == block.rest(name)]
+            fitting = [a for a in alike or axes if size_of(holder.get(a)) in shape and not is_complex(holder.get(a))]
+            fitting = [axis for axis in fitting if holder.stated(axis)] or fitting
+            for other in fitting[1:]:
+                if not np.array_equal(holder.numbers(fitting[0]).ravel(), holder.numbers(other).ravel()):
+                    found = f"found two axes for it, '{fitting[0]}' and '{other}', which differ"
+                    either = f'{key} = "{holder.path(fitting[0])}" or "{holder.path(other)}"'
+                    remedy = f"write {either} in [data.layout]"
+                    raise MeasurementError.of(block.where(name), (), found, "one", remedy)
+            if fitting:
+                return holder, fitting[0]
+        if roles == ("time",) and holder.named("time"):
+            return None
+        holder = holder.outer
+    return None
+
+
 def _instants(block: Block, name: str, shape: tuple[int, ...]) -> Array | None:
-    """The time vector that belongs to an array: of its own name, or the one that fits."""
-    axes = block.named("time")
-    alike = [axis for axis in axes if block.rest(axis) == block.rest(name)]
-    fitting = [axis for axis in alike or axes if size_of(block.get(axis)) in shape]
-    fitting = [axis for axis in fitting if block.stated(axis)] or fitting
-    if not fitting:
-        return None if block.outer is None or axes else _instants(block.outer, name, shape)
-    time = block.numbers(fitting[0]).ravel()
-    for other in fitting[1:]:
-        if not np.array_equal(block.numbers(other).ravel(), time):
-            raise two_axes_error(block, name, (fitting[0], other), "time")
-    return time
-
-
-def two_axes_error(block: Block, name: str, axes: tuple[str, str], key: str) -> MeasurementError:
-    """Refusal of an array that has two axes to choose from."""
-    return MeasurementError(
-        f"{block.where(name)}: found two axes for it, '{axes[0]}' and '{axes[1]}', which differ; expected one; write "
-        f'{key} = "{block.path(axes[0])}" or "{block.path(axes[1])}" in [data.layout]'
-    )
+    """The time vector that belongs to an array."""
+    found = axis_of(block, name, shape, ("time",), "time")
+    return None if found is None else found[0].numbers(found[1]).ravel()
 
 
 def _columns_of(block: Block, name: str) -> Array:
@@ -521,9 +539,8 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
         count = size_of(block.get(axes[0]))
         raise MeasurementError(f"{where}: found {count} instants; expected {samples}, one for each; correct it")
     elif not rates:
-        missing = "found no sampling rate; expected 'sample_rate_hz' or 'time'; write in [data.layout] "
-        missing += 'sample_rate_hz = "1024" with your own rate in Hz'
-        raise MeasurementError(f"{block.where(name)}: {missing}")
+        expected, remedy = "'sample_rate_hz' or 'time'", f"write in [data.layout] {RATE_KEY}"
+        raise MeasurementError.of(block.where(name), (), "found no sampling rate", expected, remedy)
     if not max(rates) / min(rates) - 1 < 1e-2:
         by_axis = f'time = "{block.path(axes[0])}" or ' if axes else f'sample_rate_hz = "{rates[-1]:.9g}" or '
         raise MeasurementError(
