@@ -66,7 +66,7 @@ BROKEN = {
     "cells of text": ({"f": F, "frf": ["a", "b"]}, "variable 'frf': found text; expected complex numbers"),
     "nothing known": ({"abc": V, "q": F}, r"'abc' \(.*complex\), 'q' \(.*write frequency_hz = .q., frf = .abc. in"),
     "a misspelt name":
-        ({"frequncy": F, "cohrence": C}, "'frequncy' .*'cohrence' .*write frequency_hz = .NAME., frf = .NAME. with these names"),
+        ({"frequncy": F, "cohrence": C}, "'frequncy' .*'cohrence' .*write frequency_hz = .NAME., frf = .NAME. with"),
     "nothing known in structs": ({"a": {"b": {"zz": V}}}, r"'a.b.zz' \(.*complex\); expected arrays of known names"),
     "too many to list": ({f"q{i}": F + i for i in range(30)}, "'q0' .* and 22 more; expected arrays of known names"),
     "texts alone": ({"note": "steel", "who": "me"}, "found neither FRFs nor time histories in texts alone"),

@@ -15,8 +15,8 @@ from tests.vibrecords.broken_files import MAKERS
 from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_formats import frf_set
 from vibrecords.errors import MeasurementError
-from vibrecords.formats import iter_records, read_frf, records_of_frf
-from vibrecords.records import TimeRecord
+from vibrecords.formats import iter_records, read, read_frf, records_of_frf
+from vibrecords.records import FrfRecord, TimeRecord
 
 #: What reading takes beside the file: buffers, and modules imported at the first time.
 ROOM = 2_000_000
@@ -92,3 +92,23 @@ def test_cuts_and_flipped_bits_never_get_further_than_one_line(tmp_path, form):
         assert "\n" not in message
         assert not message or (message.startswith(str(tmp_path / "b")) and "expected" in message)
     assert refused >= count // 3
+
+
+def sweep(path):
+    """A reader as somebody adds one, without a guard of its own."""
+    first, *lines = path.read_text(encoding="utf-8").splitlines()
+    _, response, reference = first.split()
+    frequency, real, imaginary = np.array([[float(x) for x in line.split(";")] for line in lines]).T
+    yield FrfRecord(response, reference, frequency, real + 1j * imaginary, "accelerance", unit="(m/s^2)/N")
+
+
+@pytest.mark.parametrize("damage", [b"\xff", b"x;", b"2;", b"SWEEP", b";", b"\n\n"])
+def test_damage_that_a_new_reader_does_not_expect_is_one_line(tmp_path, monkeypatch, damage):
+    monkeypatch.setitem(read._TOLD_BY_BEGINNING, b"SWEEP ", "sweep")
+    monkeypatch.setitem(read._READERS, "sweep", sweep)
+    path, sound = tmp_path / "a", b"SWEEP acc ref\n1;2;3\n2;4;5\n"
+    path.write_bytes(sound)
+    (frf,) = iter_records(path)
+    assert frf.values.tolist() == [2 + 3j, 4 + 5j]
+    path.write_bytes(sound[:22] + damage + sound[22:])
+    refusal(path, None, "found content that cannot be read .*; expected a complete file of format sweep; copy it")

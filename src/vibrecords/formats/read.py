@@ -142,33 +142,30 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     MeasurementError
         One line that names the file, the place in it, and what is expected.
     """
-    path = Path(path)
-    count = 0
-    kind = detect_format(path)
-    if layout and kind in ("uff", "lvm"):
-        raise MeasurementError(
-            f"{path}: found [data.layout] for a file of format {kind}; expected it for MAT, HDF5, npz or tables; "
-            "take it away"
-        )
+    path, kind, count = Path(path), detect_format(path), 0
+    if layout and kind in _READERS:
+        found, expected = f"found [data.layout] for a file of format {kind}", "it for MAT, HDF5, npz or tables"
+        raise MeasurementError.of(str(path), (), found, expected, "take it away")
     try:
-        with closing(_READERS[kind](path, layout or {})) as records:
+        with closing(_READERS[kind](path) if kind in _READERS else _BY_NAMES[kind](path, layout or {})) as records:
             for record in records:
                 count += 1
                 if count > MOST_RECORDS:
-                    raise MeasurementError(
-                        f"content: found more than {MOST_RECORDS} FRFs and time histories; expected fewer; split it"
-                    )
+                    found = f"found more than {MOST_RECORDS} FRFs and time histories"
+                    raise MeasurementError.of("content", (), found, "fewer", "split it")
                 require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
                 yield non_negative_half(record)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:
         raise MeasurementError(f"{path}: found a fault ({error}); expected a readable file; copy it again") from None
+    except (ValueError, LookupError, ArithmeticError) as error:  # what a reader makes of bytes that it did not expect
+        found = f"found content that cannot be read ({' '.join(str(error).split())[:80] or type(error).__name__})"
+        expected = f"a complete file of format {kind}"
+        raise MeasurementError.of(str(path), (), found, expected, "copy it again or export it again") from None
     if not count:
-        raise MeasurementError(
-            f"{path}: found neither FRFs nor time histories; expected variables such as 'frequency_hz' and 'frf'; "
-            "see the layout in the documentation of measurement files"
-        )
+        found, expected = "found neither FRFs nor time histories", "variables such as 'frequency_hz' and 'frf'"
+        raise MeasurementError.of(str(path), (), found, expected, "see 'Measurement files' of the documentation")
 
 
 def read_frf(
@@ -207,9 +204,13 @@ _TOLD_BY_BEGINNING = {
     b"LabVIEW Measurement": "lvm",
     b"TDSm": "tdms",
 }
-_READERS: dict[str, Callable[..., Generator[Record, None, None]]] = {
-    "uff": lambda path, _: read_uff(path),
-    "lvm": lambda path, _: records_of_tables(read_lvm(path)),
+#: Readers by format, of a file that says itself what is what.
+_READERS: dict[str, Callable[[Path], Generator[Record, None, None]]] = {
+    "uff": read_uff,
+    "lvm": lambda path: records_of_tables(read_lvm(path)),
+}
+#: Readers by format, of a path and of what the user says of the names in the file.
+_BY_NAMES: dict[str, Callable[[Path, Mapping[str, str]], Generator[Record, None, None]]] = {
     "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
     "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
     "xlsx": lambda path, layout: read_xlsx(path, lambda table: records_of_tables([table], layout)),
