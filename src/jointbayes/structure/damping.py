@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -31,8 +31,17 @@ def lowest_eigenvalue(matrix: Array, where: str) -> float:
     return float(np.linalg.eigvalsh(scaled).min()) if scaled.size else 0.0
 
 
-def require_symmetric(matrix: Array, where: str, key: str, what: str) -> None:
-    """Refuse a matrix that is not symmetric: where it stands, which field it is, and what was found.
+def require_symmetric(
+    matrix: Any,  # noqa: ANN401 (sparse arrays have no common type)
+    where: str,
+    key: str,
+    what: str,
+    most: float = 1e-10,
+    remedy: str = "correct one of the two entries",
+) -> None:
+    """Refuse a matrix, dense or sparse, that is not symmetric to `most` of its largest entry.
+
+    The message says where it stands, which field it is, what was found, and what to do.
 
     Raises
     ------
@@ -40,11 +49,10 @@ def require_symmetric(matrix: Array, where: str, key: str, what: str) -> None:
         If it is none: the entries that differ most.
     """
     with np.errstate(over="ignore"):
-        gap = np.abs(matrix - matrix.T)
-    if gap.max(initial=0.0) > 1e-10 * np.abs(matrix).max(initial=0.0):
-        row, column = divmod(int(gap.argmax()), len(matrix))
+        gap = abs(matrix - matrix.T)
+    if matrix.shape[0] and gap.max() > most * abs(matrix).max():
+        row, column = divmod(int(gap.argmax()), matrix.shape[0])
         pair = f"{matrix[row, column]:g} and {matrix[column, row]:g} at row {row + 1}, column {column + 1}"
-        remedy = "correct one of the two entries"
         raise ModelError.of(where, (key,), f"found {what}, {pair} and across the diagonal", "a symmetric one", remedy)
 
 

@@ -3,9 +3,11 @@
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -208,32 +210,11 @@ class FrameBody:
     masses: tuple[PointMass, ...] = ()
 
     def __post_init__(self) -> None:
-        pairs: Iterable[tuple[object, object]] = (
-            self.points.items() if isinstance(self.points, Mapping) else self.points
-        )
-        named = tuple((str(name), _vector(place, f"the place of point {name}")) for name, place in pairs)
+        given: Any = self.points.items() if isinstance(self.points, Mapping) else self.points
+        named = tuple((str(name), _vector(place, f"the place of point {name}")) for name, place in given)
         object.__setattr__(self, "points", named)
         convert_fields(self, tuple, "members", "masses")
-        self._require_names()
-        for member in self.members:
-            for start, end in itertools.pairwise(self.stations(member)):
-                gap = np.subtract(end.place, start.place)
-                if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*start.place)):
-                    raise ModelError(
-                        f"frame: found no length between the points {start.point} and {end.point} of a member; "
-                        "expected two places; correct a point or an offset"
-                    )
-                member.axes(gap)
-        places = [name for name, _ in self.all_points]
-        twice = next((name for name in places if places.count(name) > 1), None) if len(set(places)) < len(places) else 0
-        if twice:
-            raise ModelError(
-                f"frame: found the point {twice} on two members that count through it; expected each number once; "
-                "give the points of one of them places of their own"
-            )
-        self._require_one_piece()
-
-    def _require_names(self) -> None:
+        # 1. names that are possible, and points that exist
         names = [name for name, _ in self.points]
         for name in names:
             if not _NAME.fullmatch(name) or names.count(name) > 1:
@@ -248,13 +229,29 @@ class FrameBody:
                 found = f"found a member or mass at point {printable(point)!r}"
                 remedy = "correct the name or state the point's place"
                 raise ModelError.of("frame", key, found, f"one of {', '.join(names[:12])}", remedy)
-
-    def _require_one_piece(self) -> None:
+        # 2. members with a length
+        for member in self.members:
+            for start, end in itertools.pairwise(self.stations(member)):
+                gap = np.subtract(end.place, start.place)
+                if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*start.place)):
+                    raise ModelError(
+                        f"frame: found no length between the points {start.point} and {end.point} of a member; "
+                        "expected two places; correct a point or an offset"
+                    )
+                member.axes(gap)
+        # 3. numbers that one member counts through
+        twice = [name for name, count in Counter(name for name, _ in self.all_points).items() if count > 1]
+        if twice:
+            raise ModelError(
+                f"frame: found the point {twice[0]} on two members that count through it; expected each number once; "
+                "give the points of one of them places of their own"
+            )
+        # 4. one piece
         reached, rest = set(self.members[0].points), list(self.members[1:])
         while touching := [member for member in rest if reached & set(member.points)]:
             reached.update(*(member.points for member in touching))
             rest = [member for member in rest if member not in touching]
-        alone = [name for name, _ in self.points if name not in reached]
+        alone = [name for name in names if name not in reached]
         if alone:
             raise ModelError(
                 f"frame: found the points {', '.join(alone[:12])} without a member that connects them to "
@@ -266,9 +263,19 @@ class FrameBody:
         places = {name: np.array(place) for name, place in self.points}
         names: list[str] = [member.points[0]]
         for first_name, second_name in itertools.pairwise(member.points):
-            for name, share in _counted_between(first_name, second_name, frozenset(places)):
-                places[name] = (1 - share) * places[first_name] + share * places[second_name]
-                names.append(name)
+            numbered = first_name.isdecimal() and second_name.isdecimal()
+            gap = int(second_name) - int(first_name) if numbered else 0
+            if abs(gap) > _MOST_FILLED:
+                raise ModelError(
+                    f"frame: found a member from point {first_name} to {second_name}; expected at most {_MOST_FILLED} "
+                    "numbers between; name them otherwise"
+                )
+            between = [str(int(first_name) + (i if gap > 0 else -i)) for i in range(1, abs(gap))]
+            if places.keys().isdisjoint(between):
+                for i, name in enumerate(between, 1):
+                    share = i / abs(gap)
+                    places[name] = (1 - share) * places[first_name] + share * places[second_name]
+                names += between
             names.append(second_name)
         along = np.array([np.linalg.norm(places[b] - places[a]) for a, b in itertools.pairwise(names)])
         whole = along.sum()
@@ -307,27 +314,6 @@ def line_length(points: Iterable[Vector]) -> float | None:
     if np.linalg.matrix_rank(places - places[0], tol=1e-9 * np.abs(places).max()) != 1:
         return None
     return float(np.linalg.norm(np.ptp(places, axis=0)))
-
-
-def _counted_between(first: str, second: str, placed: frozenset[str]) -> list[tuple[str, float]]:
-    """Names and shares of the points that are counted between two, if these are numbers and none of them has a place.
-
-    Raises
-    ------
-    ModelError
-        If they are too many.
-    """
-    if not (first.isdecimal() and second.isdecimal()):
-        return []
-    start, end = int(first), int(second)
-    count, step = abs(end - start), 1 if end > start else -1
-    if count > _MOST_FILLED:
-        raise ModelError(
-            f"frame: found a member from point {first} to {second}; expected at most {_MOST_FILLED} numbers between; "
-            "name them otherwise"
-        )
-    names = [str(start + step * i) for i in range(1, count)]
-    return [] if placed.intersection(names) else [(name, i / count) for i, name in enumerate(names, 1)]
 
 
 def _vector(value: object, what: str) -> Vector:

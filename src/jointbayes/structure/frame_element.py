@@ -247,18 +247,12 @@ def _paper_matrices(stretch: Stretch, field: str) -> tuple[Array, Array]:
     rotation = np.array([[r1, r2, -r1, r2], [r2, r3, -r2, r4], [-r1, -r2, r1, -r2], [r2, r4, -r2, r3]])
     mass = (at.mass * length * translation + rotary / length * rotation) / (1 + phi) ** 2
     elastic: Array = bending / (length**3 * (1 + phi)) * unit @ stiffness @ unit
-    if stretch.axial_force:
-        taut: Array = unit @ _taut(phi) @ unit
-        elastic = elastic + stretch.axial_force / length * taut
+    if stretch.axial_force:  # ∫v'² of the element
+        g1, g2 = 6 / 5 + 2 * phi + phi**2, 1 / 10
+        g3, g4 = 2 / 15 + phi / 6 + phi**2 / 12, -1 / 30 - phi / 6 - phi**2 / 12
+        taut = np.array([[g1, g2, -g1, g2], [g2, g3, -g2, g4], [-g1, -g2, g1, -g2], [g2, g4, -g2, g3]])
+        elastic = elastic + stretch.axial_force / length * (unit @ (taut / (1 + phi) ** 2) @ unit)
     return elastic, unit @ mass @ unit
-
-
-def _taut(phi: Numbers) -> Array:
-    """∫v'² of the two-node element of unit length and its deflections and slopes, (4, 4)."""
-    g1, g2 = 6 / 5 + 2 * phi + phi**2, 1 / 10
-    g3, g4 = 2 / 15 + phi / 6 + phi**2 / 12, -1 / 30 - phi / 6 - phi**2 / 12
-    table = np.array([[g1, g2, -g1, g2], [g2, g3, -g2, g4], [-g1, -g2, g1, -g2], [g2, g4, -g2, g3]])
-    return table / (1 + phi) ** 2
 
 
 def skew(vector: Array) -> Array:

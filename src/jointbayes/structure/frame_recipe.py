@@ -224,27 +224,24 @@ def element_error(stretch: Stretch, order: int, field: str, omega: float, share:
     else:
         of_field = rigid.axial / rigid.mass if field == "axial" else rigid.torsion / rigid.polar
         visible = np.max(np.sqrt(of_field)) / length
-    at = max(omega, share * float(visible))
-    finer = (part_matrices(stretch, p, field) for p in (order, order + _RICHER))
-    coarse, fine = (_condensed(matrices, at, length, len(FIELDS[field])) for matrices in finer)
+    at, per_node = max(omega, share * float(visible)), len(FIELDS[field])
+    of_ends: list[Array] = []
+    for p in (order, order + _RICHER):  # K + ω²M, rotations times the length, seen from the two end nodes
+        stiffness, mass = part_matrices(stretch, p, field)
+        scale = np.tile([1.0, 1 / length][:per_node], len(mass) // per_node)
+        dynamic = (stiffness + at**2 * mass) * np.outer(scale, scale)
+        last, ends = len(dynamic) - per_node, 2 * per_node
+        order_of = np.r_[:per_node, last : last + per_node, per_node:last]  # the ends first
+        sorted_: Array = dynamic[order_of][:, order_of]
+        within = np.linalg.solve(sorted_[ends:, ends:], sorted_[ends:, :ends])
+        condensed: Array = sorted_[:ends, :ends] - sorted_[:ends, ends:] @ within
+        of_ends.append((condensed + condensed.T) / 2)
+    coarse, fine = of_ends
     try:
         error = float(np.abs(linalg.eigh(coarse - fine, fine, eigvals_only=True)).max())
     except linalg.LinAlgError:  # what rounding leaves of an absurd element is not positive definite
         return math.inf
     return error if stretch.tapered or stretch.axial_force else error * (omega / at) ** 2
-
-
-def _condensed(matrices: tuple[Array, Array], omega: float, length: float, per_node: int) -> Array:
-    """K + ω²M of an element, rotations times its length, seen from its two end nodes, (2 per_node, 2 per_node)."""
-    stiffness, mass = matrices
-    scale = np.tile([1.0, 1 / length][:per_node], len(mass) // per_node)
-    dynamic = (stiffness + omega**2 * mass) * np.outer(scale, scale)
-    last, ends = len(dynamic) - per_node, 2 * per_node
-    order_of = np.r_[:per_node, last : last + per_node, per_node:last]  # the ends first
-    sorted_: Array = dynamic[order_of][:, order_of]
-    inner = sorted_[ends:, ends:]
-    condensed: Array = sorted_[:ends, :ends] - sorted_[:ends, ends:] @ np.linalg.solve(inner, sorted_[ends:, :ends])
-    return (condensed + condensed.T) / 2
 
 
 def assembled(
@@ -468,24 +465,23 @@ class MemberRecipe(Recipe):
             return tuple(BodyMesh(segments, ((1, 0),) * len(segments)) for segments in of_bodies)
         slowest = min(s.stretch.bending_frequency_hz(HALF_WAVES) for segments in of_bodies for s in segments)
         top_hz = slowest if top_hz is None else top_hz
-        each = zip(of_bodies, forces or (1.0,) * len(of_bodies), strict=True)
-        return tuple(self._fine_mesh(segments, top_hz, force) for segments, force in each)
-
-    def _fine_mesh(self, segments: Sequence[Segment], top_hz: float, force: float) -> BodyMesh:
         if not 0 <= top_hz <= _HIGHEST_HZ:
             raise ModelError(
                 f"{self.kind}: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them"
             )
-        mesh = mesh_of(segments, self.directions, top_hz, self.kind, force=force, richer=self.richer)
-        nodes, (dofs, at_a_point) = 1 + sum(count * order for count, order in mesh.elements), self.most_dofs
-        most = dofs // len(self.directions) + at_a_point * (len(segments) + 1)
-        if nodes > most:
-            raise ModelError(
-                f"{self.kind}: found a length of {sum(s.stretch.length for s in segments):g} m and lines up to "
-                f"{top_hz:g} Hz, which take {nodes} nodes; expected at most {most}{self.most_are}; lower the "
-                "frequencies, or correct the units of length and material"
-            )
-        return mesh
+        meshes = []
+        for segments, force in zip(of_bodies, forces or (1.0,) * len(of_bodies), strict=True):
+            mesh = mesh_of(segments, self.directions, top_hz, self.kind, force=force, richer=self.richer)
+            nodes, (whole, at_a_point) = 1 + sum(count * order for count, order in mesh.elements), self.most_dofs
+            most = whole // len(self.directions) + at_a_point * (len(segments) + 1)
+            if nodes > most:
+                raise ModelError(
+                    f"{self.kind}: found a length of {sum(s.stretch.length for s in segments):g} m and lines up to "
+                    f"{top_hz:g} Hz, which take {nodes} nodes; expected at most {most}{self.most_are}; lower the "
+                    "frequencies, or correct the units of length and material"
+                )
+            meshes.append(mesh)
+        return tuple(meshes)
 
     def structure(self, factors: Mapping[str, float] | None = None, mesh: FrameMesh | None = None) -> Structure:
         """Assemble the frame with its quantities multiplied by factors, 1 where none is given; bodies as blocks.

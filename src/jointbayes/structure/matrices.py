@@ -30,14 +30,16 @@ _REFINEMENTS = 2
 _AT_REST = 1e-8
 
 
-class _Constant:
-    """Free modes that no factor changes."""
+@dataclass(frozen=True, eq=False)
+class ConstantModes:
+    """Free modes that no factor changes: eigenvalues (1, m) and motions (1, k, m)."""
 
-    def __init__(self, eigenvalues: Array, motions: Array) -> None:
-        self._modes = eigenvalues[None], np.ascontiguousarray(motions)[None]
+    eigenvalues: Array
+    motions: Array
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
-        return self._modes
+        """The same for all factors."""
+        return self.eigenvalues, self.motions
 
 
 @dataclass(frozen=True, repr=False)
@@ -144,7 +146,15 @@ class Structure(Body):
 
     def _modes(self, added_stiffness: Array | None) -> Modes:
         stiffness = self.stiffness if added_stiffness is None else self.stiffness + added_stiffness
-        inverse, shapes, shift = self._inverse_modes(stiffness)
+        shift, last = self.shift, self.shift * _LARGER
+        while True:
+            try:
+                inverse, shapes = linalg.eigh(self.mass, stiffness + shift * self.mass)
+                break
+            except linalg.LinAlgError:  # compression makes an eigenvalue more negative than that
+                if shift > last:
+                    raise
+                shift *= 10
         inverse, shapes = inverse[::-1], shapes[:, ::-1]
         shapes = shapes / np.sqrt(inverse)
         # the highest are orthonormal to rounding over their small inverse eigenvalue; a Newton step makes them all so
@@ -159,17 +169,6 @@ class Structure(Body):
         cancelled = (np.abs(low.T) @ np.abs(stiffness) * np.abs(low.T)).sum(axis=1)
         eigenvalues[: low.shape[1]][np.abs(strain) <= _RIGID * cancelled] = 0.0
         return Modes(eigenvalues, shapes)
-
-    def _inverse_modes(self, stiffness: Array) -> tuple[Array, Array, float]:
-        """1/(λ + σ) rising, shapes, and σ: that of `shift`, or larger where compression makes a λ more negative."""
-        shift, last = self.shift, self.shift * _LARGER
-        while True:
-            try:
-                return *linalg.eigh(self.mass, stiffness + shift * self.mass), shift
-            except linalg.LinAlgError:
-                if shift > last:
-                    raise
-                shift *= 10
 
     @property
     def shift(self) -> float:
@@ -225,7 +224,7 @@ class Structure(Body):
         modes, forms = self.modes(), self.on_all_dofs(dofs, motions)
         if self._top_hz is not None:
             modes = Reduction.below(self._top_hz, modes, forms, forced).reduce(modes)
-        return _Constant(modes.eigenvalues, forms.T @ modes.shapes)
+        return ConstantModes(modes.eigenvalues[None], np.ascontiguousarray(forms.T @ modes.shapes)[None])
 
     def dampers(self) -> tuple[Array, Rows, Array]:
         """Dampers that a matrix C amounts to, see `Body`."""
@@ -267,10 +266,24 @@ class Structure(Body):
         ModelError
             If a line is an undamped natural frequency.
         """
-        added = np.zeros_like(self.stiffness) if joint_stiffness is None else joint_stiffness
-        exact, viscous = self.stiffness.astype(np.longdouble), self._viscous(added, rigid) + joint_viscous
+        # 1. the viscous matrix of the damping law
+        added, law = np.zeros_like(self.stiffness) if joint_stiffness is None else joint_stiffness, self.damping
+        if law.matrix is not None:
+            viscous = law.matrix
+        elif law.of_assembled_modes:  # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
+            modes = self.modes(added)
+            first = int((modes.eigenvalues <= 0).sum()) if rigid is None else rigid  # a rigid-body motion has no ratio
+            rate = np.zeros(self.n_dofs)
+            rate[first:] = 2 * law.per_mode(self.n_dofs - first) * np.sqrt(np.maximum(modes.eigenvalues[first:], 0.0))
+            weighted = self.mass @ modes.shapes
+            viscous = (weighted * rate) @ weighted.T
+        else:
+            alpha, beta = law.viscous
+            viscous = alpha * self.mass + beta * self.stiffness
+        # 2. the lines, some at a time
+        exact, viscous = self.stiffness.astype(np.longdouble), viscous + joint_viscous
         dynamic = added + 1j * joint_hysteretic if np.any(joint_hysteretic) else added
-        loss = 1 + 1j * self.damping.hysteretic
+        loss = 1 + 1j * law.hysteretic
         parts = []
         for start in range(0, omega.size, _LINES_AT_ONCE):
             w = omega[start : start + _LINES_AT_ONCE, None, None]
@@ -290,21 +303,6 @@ class Structure(Body):
                 ) from None
             parts.append(observed.T @ x.astype(complex))
         return np.concatenate(parts)
-
-    def _viscous(self, added: Array, rigid: int | None) -> Array:
-        law = self.damping
-        if law.matrix is not None:
-            return law.matrix
-        if not law.of_assembled_modes:
-            alpha, beta = law.viscous
-            return alpha * self.mass + beta * self.stiffness
-        # C = MΦ diag(2ζω) ΦᵀM of the assembled structure
-        modes = self.modes(added)
-        first = int((modes.eigenvalues <= 0).sum()) if rigid is None else rigid  # a rigid-body motion has no ratio
-        rate = np.zeros(self.n_dofs)
-        rate[first:] = 2 * law.per_mode(self.n_dofs - first) * np.sqrt(np.maximum(modes.eigenvalues[first:], 0.0))
-        weighted = self.mass @ modes.shapes
-        return (weighted * rate) @ weighted.T
 
 
 StructureAt = Callable[[Sequence[float]], Structure]

@@ -114,7 +114,11 @@ class Section:
                 f"section: found width {width:g} m and height {height:g} m; expected both above zero; correct the sides"
             )
         a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
-        torsion = _torsion_of_rectangle(max(width, height), min(width, height))
+        # J = a b³ (1/3 − 64/π⁵ b/a Σ tanh(nπa/2b)/n⁵), n = 1, 3, 5 …, sides a ≥ b: Timoshenko & Goodier, art. 109
+        long, short = max(width, height), min(width, height)
+        # with Σ 1/n⁵ = 31/32 ζ(5) what is left, Σ (1 − tanh)/n⁵, needs six terms
+        rest = sum(2 / ((math.exp(min(n * math.pi * long / short, 700.0)) + 1) * n**5) for n in range(1, 12, 2))
+        torsion = long * short**3 * (1 / 3 - 64 / math.pi**5 * short / long * (31 / 32 * _ZETA_5 - rest))
         inertia_y, inertia_z = height * width**3 / 12, width * height**3 / 12
         return cls(width * height, inertia_y, inertia_z, (a, b, a, b), torsion, "rectangle", (width, height))
 
@@ -199,10 +203,3 @@ def _cowper_thin_box(flange: float, web: float) -> tuple[float, float]:
     a = 12 + 72 * m + 150 * m**2 + 90 * m**3 + 10 * n**2 * (3 * m + 3 * m**2)
     b = 11 + 66 * m + 135 * m**2 + 90 * m**3 + 10 * n**2 * m
     return a / scale, b / scale
-
-
-def _torsion_of_rectangle(long: float, short: float) -> float:
-    """J = a b³ (1/3 − 64/π⁵ b/a Σ tanh(nπa/2b)/n⁵), n = 1, 3, 5 …, sides a ≥ b: Timoshenko & Goodier, art. 109."""
-    # with Σ 1/n⁵ = 31/32 ζ(5) what is left, Σ (1 − tanh)/n⁵, needs six terms
-    rest = sum(2 / ((math.exp(min(n * math.pi * long / short, 700.0)) + 1) * n**5) for n in range(1, 12, 2))
-    return long * short**3 * (1 / 3 - 64 / math.pi**5 * short / long * (31 / 32 * _ZETA_5 - rest))

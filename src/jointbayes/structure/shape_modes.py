@@ -93,8 +93,21 @@ class ModeTable:
 
     def _turned(self, modes_at: ModesAt, numbers: Sequence[float]) -> tuple[Array, Array]:
         """Eigenvalues (m,) and motions (k, m) of modes ordered and turned like their nominal counterparts."""
-        modes = _turned_modes(*modes_at(numbers), self._nominal)
-        return modes.eigenvalues, self._motions.T @ modes.shapes
+        (modes, mass), nominal = modes_at(numbers), self._nominal
+        # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
+        likeness = modes.shapes.T @ mass @ nominal.shapes
+        _, number = optimize.linear_sum_assignment(-np.abs(likeness).T)
+        eigenvalues, shapes, likeness = modes.eigenvalues[number], modes.shapes[:, number], likeness[number]
+        shapes = shapes * np.copysign(1.0, np.diagonal(likeness))
+        apart = np.diff(nominal.eigenvalues) > _SAME_PLANE * nominal.eigenvalues[1:]
+        cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), nominal.eigenvalues.size]
+        for first, last in itertools.pairwise(cuts):  # runs of modes with equal eigenvalues
+            if last - first > 1:
+                # the rotation within the plane that brings the shapes nearest to the nominal ones
+                plane = slice(first, last)
+                left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
+                shapes[:, plane] = shapes[:, plane] @ (left @ right)
+        return eigenvalues, self._motions.T @ shapes
 
     def error(self, modes_at: ModesAt) -> float:
         """Largest error of the table at a few points beside its own, near the ends among them.
@@ -165,24 +178,6 @@ def _hopeless(errors: Sequence[float]) -> bool:
     first, last = errors[-_TRIED], errors[-1]
     done, left = _NODES[len(errors) - 1] - _NODES[len(errors) - _TRIED], _NODES[-1] - _NODES[len(errors) - 1]
     return not (last < first / 2 and last * (last / first) ** (left / done) < _FAR * _ACCURATE)
-
-
-def _turned_modes(modes: Modes, mass: Array, nominal: Modes) -> Modes:
-    """Modes in the order of their nominal counterparts, each turned to lie as its own does."""
-    # modes of different symmetry cross as the beam becomes thicker: each is known by its shape, not by its number
-    likeness = modes.shapes.T @ mass @ nominal.shapes
-    _, number = optimize.linear_sum_assignment(-np.abs(likeness).T)
-    eigenvalues, shapes, likeness = modes.eigenvalues[number], modes.shapes[:, number], likeness[number]
-    shapes = shapes * np.copysign(1.0, np.diagonal(likeness))
-    apart = np.diff(nominal.eigenvalues) > _SAME_PLANE * nominal.eigenvalues[1:]
-    cuts = [0, *(np.flatnonzero(apart) + 1).tolist(), nominal.eigenvalues.size]
-    for first, last in itertools.pairwise(cuts):  # runs of modes with equal eigenvalues
-        if last - first > 1:
-            # the rotation within the plane that brings the shapes nearest to the nominal ones
-            plane = slice(first, last)
-            left, _, right = np.linalg.svd(shapes[:, plane].T @ mass @ nominal.shapes[:, plane])
-            shapes[:, plane] = shapes[:, plane] @ (left @ right)
-    return Modes(eigenvalues, shapes)
 
 
 #: Powers in which quantities change a shape number.

@@ -19,7 +19,7 @@ from jointbayes.structure.frame_element import BodyFactors
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameMesh, FrameRecipe, MemberRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.imported.imported_body import ImportedFamily, ImportedRecipe
-from jointbayes.structure.matrices import Structure
+from jointbayes.structure.matrices import ConstantModes, Structure
 from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import UncertainBody, is_hashable
 from jointbayes.structure.shape_modes import (
@@ -73,22 +73,15 @@ class _ScaledModes:
         return eigenvalues, self.parts.joined(motions)
 
 
+@dataclass(frozen=True, eq=False)
 class _BodiesModes:
     """Modes of one body or of several together."""
 
-    def __init__(self, bodies: Sequence[_ScaledModes], uncertain: bool) -> None:
-        self._bodies, self._uncertain = bodies, uncertain
-
-    @cached_property
-    def _certain(self) -> tuple[Array, Array]:
-        return self._solved(np.empty((1, 0)))
+    bodies: Sequence[_ScaledModes]
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q); one row for all where no factor changes them."""
-        return self._solved(factors) if self._uncertain else self._certain
-
-    def _solved(self, factors: Array) -> tuple[Array, Array]:
-        modes = [body(factors) for body in self._bodies]
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        modes = [body(factors) for body in self.bodies]
         if len(modes) == 1:
             return modes[0]
         return rising(np.concatenate([e for e, _ in modes], axis=1), np.concatenate([m for _, m in modes], axis=2))
@@ -165,7 +158,8 @@ class FrameFamily(UncertainBody):
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """Modes of each body over its shape numbers, scaled, all of them in rising order."""
         moving = [number for number, rows in enumerate(self.body_dofs) if rows.stop > rows.start]
-        return _BodiesModes([_Body(self, number).scaled(motions, forced) for number in moving], bool(self.names))
+        modes = _BodiesModes([_Body(self, number).scaled(motions, forced) for number in moving])
+        return modes if self.names else ConstantModes(*modes(np.empty((1, 0))))
 
     @cached_property
     def body_dofs(self) -> tuple[slice, ...]:

@@ -1,6 +1,6 @@
 """Beams beside an imported model, such as a tool in a meshed holder: nothing but joints connects them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,7 +10,7 @@ from scipy import sparse
 from jointbayes.structure.damping import LossFactor
 from jointbayes.structure.frame import FrameBody
 from jointbayes.structure.frame_element import lobatto_points
-from jointbayes.structure.frame_recipe import BodyMesh, FrameRecipe
+from jointbayes.structure.frame_recipe import FrameRecipe
 from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel, FePart, Sparse
 from vibrecords.arrays import Array
 
@@ -33,8 +33,12 @@ def with_beams(model: FeModel, bodies: Mapping[str, FrameBody], top_hz: float) -
     names = [label.partition(":") for label in beams.dofs]
     numbers = {name: first + i for i, name in enumerate(dict.fromkeys(name for name, _, _ in names))}
     places = {name: np.array(place) for name, place in recipe.positions.items()}
-    for name, of_body in zip(bodies, mesh, strict=True):
-        places |= dict(_inner_places(f"{name}.", of_body, places))
+    for name, of_body in zip(bodies, mesh, strict=True):  # nodes between points lie on the axes of the beams
+        for i, (segment, (count, order)) in enumerate(zip(of_body.segments, of_body.elements, strict=True)):
+            ends = [places[f"{name}.{at}"] + o for at, o in zip(segment.points, segment.offsets, strict=True)]
+            along = (np.arange(count)[:, None] + (lobatto_points(order)[1:] + 1) / 2).ravel() / count
+            for k, share in enumerate(along[:-1], 1):
+                places[f"{name}.~{i}~{k}"] = ends[0] + share * (ends[1] - ends[0])
 
     def beside(matrix: Sparse | None, other: Array) -> Sparse:
         return sparse.block_diag((sparse.csc_array((n, n)) if matrix is None else matrix, other), format="csc")
@@ -66,12 +70,3 @@ def with_beams(model: FeModel, bodies: Mapping[str, FrameBody], top_hz: float) -
         edges=None if model.edges is None else np.concatenate([model.edges, edges]),
     )
     return whole, {name: numbers[name] for name in recipe.positions}
-
-
-def _inner_places(prefix: str, mesh: BodyMesh, points: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
-    """Names and places of the nodes between the points of a body: on the axes of its beams."""
-    for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
-        ends = [points[prefix + point] + o for point, o in zip(segment.points, segment.offsets, strict=True)]
-        along = (np.arange(count)[:, None] + (lobatto_points(order)[1:] + 1) / 2).ravel() / count
-        for i, share in enumerate(along[:-1], 1):
-            yield f"{prefix}~{number}~{i}", ends[0] + share * (ends[1] - ends[0])

@@ -141,14 +141,10 @@ def number_table(path: Path, columns: int, delimiter: str | None = None, skip: i
     with path.open(encoding="latin-1") as lines:
         for number, line in enumerate(lines, 1):
             bare = line.partition(comment)[0].strip()
-            if number > skip and bare and not _are_numbers(bare.split(delimiter), columns):
-                expected = f"{columns} numbers"
-                raise fault(f"{path}, line {number}", repr(bare[:40]), expected, "copy or export it again")
+            if number <= skip or not bare:
+                continue
+            with suppress(ValueError):
+                if len([float(word) for word in bare.split(delimiter)]) == columns:
+                    continue
+            raise fault(f"{path}, line {number}", repr(bare[:40]), f"{columns} numbers", "copy or export it again")
     raise fault(path, "no entries", f"lines of {columns} numbers", "copy or export it again")
-
-
-def _are_numbers(fields: list[str], count: int) -> bool:
-    try:
-        return len([float(word) for word in fields]) == count
-    except ValueError:
-        return False

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.errors import ModelError
+from jointbayes.structure.damping import require_symmetric
 from vibrecords.arrays import Array, Indices
 
 #: Directions by their numbers in Nastran, Abaqus, Ansys and CalculiX, 1 to 6.
@@ -98,6 +99,11 @@ class FeModel:
 
     def __post_init__(self) -> None:
         n = len(self.dofs)
+        twice = n - len(np.unique(np.asarray(self.dofs, dtype=np.intp).reshape(n, -1), axis=0)) if n else 0
+        if n == 0 or twice:
+            found = f"found {twice} DOFs twice" if n else "found no DOF"
+            raise ModelError.of(self.source, ("dofs",), found, "each row's node and direction once", "correct the map")
+        object.__setattr__(self, "dofs", np.asarray(self.dofs, dtype=np.intp).reshape(n, -1))
         for name in ("stiffness", "mass", "damping"):
             given = getattr(self, name)
             if given is None:
@@ -110,26 +116,10 @@ class FeModel:
             if not np.isfinite(matrix.data).all():
                 found = f"found NaN or infinity in the {name} matrix"
                 raise ModelError.of(self.source, (name,), found, "finite numbers", "export it again")
-            self._require_symmetric(matrix, name)
-        object.__setattr__(self, "dofs", np.asarray(self.dofs, dtype=np.intp).reshape(n, -1))
-        twice = n - len(np.unique(self.dofs, axis=0)) if n else 0
-        if n == 0 or twice:
-            found = f"found {twice} DOFs twice" if n else "found no DOF"
-            raise ModelError.of(self.source, ("dofs",), found, "each row's node and direction once", "correct the map")
+            remedy = "export the symmetric matrix (no contact with friction, no follower loads)"
+            require_symmetric(matrix, self.source, name, f"an unsymmetric {name} matrix", _SYMMETRIC, remedy)
         if not self.mass.diagonal().max(initial=0.0) > 0:
             raise ModelError.of(self.source, ("mass",), "found no mass", "a mass matrix in kg", "export M too")
-
-    def _require_symmetric(self, matrix: Sparse, name: str) -> None:
-        gap = abs(matrix - matrix.T).tocoo()
-        worst = int(gap.data.argmax()) if gap.nnz else 0
-        if gap.nnz and gap.data[worst] > _SYMMETRIC * np.abs(matrix.data).max():
-            row, column = int(gap.row[worst]), int(gap.col[worst])
-            found = (
-                f"found an unsymmetric {name} matrix, {matrix[row, column]:g} and {matrix[column, row]:g} at row "
-                f"{row + 1}, column {column + 1} and across the diagonal"
-            )
-            remedy = "export the symmetric matrix (no contact with friction, no follower loads)"
-            raise ModelError.of(self.source, (name,), found, "a symmetric one", remedy)
 
     @property
     def n_dofs(self) -> int:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from jointbayes.structure.imported.fe_model import FeModel
 from jointbayes.structure.imported.outline import Outline, outline_of
 from jointbayes.structure.imported.ports import Port, hold_rigid, port_forms
 from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, ReducedModel, reduce_model
-from jointbayes.structure.matrices import Structure
+from jointbayes.structure.matrices import ConstantModes, Structure
 from jointbayes.structure.modes import Forced, Modes
 from jointbayes.structure.recipe import Recipe, UncertainBody
 from jointbayes.structure.shape_modes import ModesOverShape, Powers, ends_of, modes_over_shape, rising, shape_numbers
@@ -214,16 +214,10 @@ class _ScaledModes:
     modes: ModesOverShape
     axes: Mapping[str, Powers]
     factor: Callable[[Array, str], Array]
-    uncertain: bool
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n or 1, m) and motions (n or 1, k, m) at factors (n, q)."""
-        if not self.uncertain:
-            return self.modes(np.zeros((1, len(self.axes))))
-
-        def of(quantity: str) -> Array:
-            return self.factor(factors, quantity)
-
+        """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
+        of = partial(self.factor, factors)
         eigenvalues, motions = self.modes(shape_numbers(self.axes.values(), of, len(factors)))
         stiffness, density = (of(q)[:, None] for q in _WHOLE)
         return rising(eigenvalues * stiffness / density, motions / np.sqrt(density)[:, :, None])
@@ -270,13 +264,13 @@ class ImportedFamily(UncertainBody):
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
         """Interpolated modes over the shape numbers, scaled; motions as forms on the coordinates, shape (r, k)."""
         ends = ends_of(self._axes.values(), lambda q: self.ranges.get(q, (0.0, 0.0)))
-        modes = modes_over_shape(
-            self._structure_at, self.nominal.modes(), ends, motions, forced, self.reach_of_modes_hz
-        )
-        return _ScaledModes(modes, self._axes, self.factor, bool(set(self.names) & {*self._axes, *_WHOLE}))
 
-    def _structure_at(self, numbers: Sequence[float]) -> Structure:
-        return self.recipe.lumped.structure(dict(zip(self._axes, np.exp(numbers).tolist(), strict=True)))
+        def structure_at(numbers: Sequence[float]) -> Structure:
+            return self.recipe.lumped.structure(dict(zip(self._axes, np.exp(numbers).tolist(), strict=True)))
+
+        modes = modes_over_shape(structure_at, self.nominal.modes(), ends, motions, forced, self.reach_of_modes_hz)
+        moved = set(self.names) & {*self._axes, *_WHOLE}
+        return _ScaledModes(modes, self._axes, self.factor) if moved else ConstantModes(*modes(np.zeros((1, 0))))
 
     def factor(self, factors: Array, name: str) -> Array:
         """Factor on one quantity, shape (n,); of accelerometers on all mass at their places."""

@@ -66,7 +66,9 @@ def hold_rigid(model: FeModel, port: Port, name: str) -> tuple[FeModel, int]:
     rows, columns, values = [kept], [np.arange(len(kept))], [np.ones(len(kept))]
     for row in np.flatnonzero(patch):
         node, way = (int(of) for of in model.dofs[row])
-        motion = _rigid_motion(arms[node], way)
+        motion = np.eye(6)[way - 1]
+        if way <= 3:
+            motion[3:] = np.cross(arms[node], np.eye(3)[way - 1])  # (θ × r)·e = θ·(r × e)
         rows.append(np.full(6, row))
         columns.append(len(kept) + np.arange(6))
         values.append(motion)
@@ -90,7 +92,10 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
         If a node does not exist, is held, or has no known place.
     """
     if len(port.nodes) == 1 and port.at is None:
-        return _node_forms(model, port.nodes[0], name)
+        of_node = {way: row for way in DIRECTIONS if (row := model.row(port.nodes[0], way)) is not None}
+        if not of_node:
+            raise _no_node(model, port.nodes[0], name)
+        return {way: (np.arange(model.n_dofs) == row).astype(float) for way, row in of_node.items()}
     arms = _arms(model, port, name)
     rows = {node: [model.row(node, way) for way in "xyz"] for node in port.nodes}
     free = [node for node in port.nodes if all(row is not None for row in rows[node])]
@@ -121,18 +126,6 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     return forms | {f"r{'xyz'[d]}": rotation[d] for d in known}
 
 
-def _node_forms(model: FeModel, node: int, name: str) -> dict[str, Array]:
-    forms = {}
-    for way in DIRECTIONS:
-        row = model.row(node, way)
-        if row is not None:
-            forms[way] = np.zeros(model.n_dofs)
-            forms[way][row] = 1.0
-    if not forms:
-        raise _no_node(model, node, name)
-    return forms
-
-
 def _no_node(model: FeModel, node: int, name: str) -> ModelError:
     numbers = np.unique(model.dofs[model.dofs[:, 1] > 0, 0])
     expected = (
@@ -157,15 +150,6 @@ def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
         arms[node] = place
     point = np.mean(list(arms.values()), axis=0) if port.at is None else np.array(port.at)
     return {node: place - point for node, place in arms.items()}
-
-
-def _rigid_motion(arm: Array, way: int) -> Array:
-    """Motion of a DOF 1 to 6 at the end of an arm by the six of its rigid body, shape (6,)."""
-    motion = np.zeros(6)
-    motion[way - 1] = 1.0
-    if way <= 3:
-        motion[3:] = np.cross(arm, np.eye(3)[way - 1])  # (θ × r)·e = θ·(r × e)
-    return motion
 
 
 def rigid_motions(model: FeModel) -> Array | None:

@@ -15,8 +15,9 @@ DOI 10.2514/3.60497
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy import linalg, sparse
@@ -92,6 +93,10 @@ def reduce_model(
 ) -> tuple[ReducedModel, ReducedModel]:
     """A model as it is seen at some motions up to a frequency, and the same with more vectors to compare it with.
 
+    1. Take K and M as stated, and at each end of each uncertain quantity of a part.
+    2. Of each take the modes up to above the band, and the blocks of vectors that stand for the others.
+    3. Project the model on rigid-body modes, modes and three blocks, and on two blocks more.
+
     Parameters
     ----------
     model
@@ -111,11 +116,22 @@ def reduce_model(
     ModelError
         If a motion has neither stiffness nor mass, or a negative stiffness, or too many modes lie below the frequency.
     """
+    # 1. variants
+    variants = [(model.stiffness, model.mass)]
+    for name, both in (ends or {}).items():
+        part, _, quantity = name.rpartition(".")
+        of, (stiff, bend, heavy) = model.parts[part], PART_QUANTITIES[quantity]
+        for factor in (factor for factor in both if factor != 1.0):
+            stiffness = model.stiffness + (factor**stiff - 1) * of.stiffness
+            if of.bending is not None:
+                stiffness = stiffness + (factor**bend - 1) * of.bending
+            variants.append((stiffness, model.mass + (factor**heavy - 1) * of.mass))
+    # 2. vectors
     shift = (2 * np.pi * _SHIFT_AT * top_hz) ** 2
     rigid = np.empty((model.n_dofs, 0))
     modes: list[Array] = []
     blocks: list[list[Array]] = [[] for _ in range(_FINER_BLOCKS)]
-    for stiffness, mass in _variants(model, ends or {}):
+    for stiffness, mass in variants:
         solve = _solver(stiffness + shift * mass, model.source)
         modes.append(_modes_below(stiffness, mass, solve, shift, MODES_TO * top_hz, model.source))
         if len(modes) == 1:
@@ -125,68 +141,47 @@ def reduce_model(
             vectors = solve(mass @ vectors if block is not blocks[0] else vectors)
             vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.finfo(float).tiny)
             block.append(vectors)
+    # 3. projections
     return tuple(  # type: ignore[return-value]  # two of them
         _projected(model, forms, rigid, [*modes, *itertools.chain(*blocks[:count])], shift, seen)
         for count in (_BLOCKS, _FINER_BLOCKS)
     )
 
 
-def _variants(model: FeModel, ends: Mapping[str, tuple[float, float]]) -> Iterator[tuple[Sparse, Sparse]]:
-    """K and M as stated, and at each end of each uncertain quantity of a part."""
-    yield model.stiffness, model.mass
-    for name, both in ends.items():
-        part, _, quantity = name.rpartition(".")
-        of = model.parts[part]
-        stiff, bend, heavy = PART_QUANTITIES[quantity]
-        for factor in both:
-            if factor == 1.0:
-                continue
-            stiffness = model.stiffness + (factor**stiff - 1) * of.stiffness
-            if of.bending is not None:
-                stiffness = stiffness + (factor**bend - 1) * of.bending
-            yield stiffness, model.mass + (factor**heavy - 1) * of.mass
-
-
 def _solver(matrix: Sparse, source: str) -> Callable[[Array], Array]:
-    """Solves S x = b for many b, shape (n, k), S symmetric and positive definite."""
+    """Solves S x = b for many b, shape (n, k), S symmetric and positive definite.
+
+    A sparse S by PARDISO where the extra `fast-fe` is installed, else by SuperLU.
+    """
     if matrix.shape[0] <= _DENSE:
         try:
             factor = linalg.cho_factor(matrix.toarray())
         except linalg.LinAlgError:
             raise _mechanism(source) from None
         return lambda b: np.asarray(linalg.cho_solve(factor, b))
+    solve: Callable[[Array], Array]
     try:
-        solve = _sparse_factor(matrix)
-    except RuntimeError:  # exactly singular
-        raise _mechanism(source) from None
+        from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
+    except ImportError:
+        options = {"SymmetricMode": True}
+        try:
+            solve = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
+        except RuntimeError:  # exactly singular
+            raise _mechanism(source) from None
+    else:
+        upper = sparse.csr_matrix(sparse.triu(matrix))
+        solver = PyPardisoSolver(mtype=2)  # real, symmetric, positive definite
+        try:
+            solver.factorize(upper)
+        except (ValueError, PyPardisoError):  # of an empty row, of a pivot
+            raise _mechanism(source) from None
+        solve = partial(solver.solve, upper)
     trial = np.random.default_rng(0).standard_normal((matrix.shape[0], 3))
     answer = solve(trial)  # the factors are not looked at: SuperLU copies them, which doubles the memory
     left = np.linalg.norm(matrix @ answer - trial, axis=0)
     if not (np.isfinite(answer).all() and ((answer * trial).sum(axis=0) > 0).all() and left.max() < _SOLVED):
         raise _mechanism(source)
     return lambda b: np.asarray(solve(np.ascontiguousarray(b)))
-
-
-def _sparse_factor(matrix: Sparse) -> Callable[[Array], Array]:
-    """S⁻¹ of S symmetric and positive definite: by PARDISO where the extra `fast-fe` is installed, else by SuperLU.
-
-    Raises
-    ------
-    RuntimeError
-        If S is exactly singular, or has pivots below 0.
-    """
-    try:
-        from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
-    except ImportError:
-        options = {"SymmetricMode": True}
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
-    upper = sparse.csr_matrix(sparse.triu(matrix))
-    solver = PyPardisoSolver(mtype=2)  # real, symmetric, positive definite
-    try:
-        solver.factorize(upper)
-    except (ValueError, PyPardisoError) as error:  # of an empty row, of a pivot
-        raise RuntimeError(str(error)) from None
-    return lambda b: solver.solve(upper, b)
 
 
 def _mechanism(source: str) -> ModelError:
@@ -258,8 +253,32 @@ def _modes_below(
 def _projected(
     model: FeModel, forms: Array, rigid: Array, vectors: list[Array], shift: float, seen: Sequence[int | None]
 ) -> ReducedModel:
-    """The model in rigid-body modes and in what other vectors add to them."""
-    n_rigid, basis = rigid.shape[1], _independent(model, rigid, vectors, shift)
+    """The model in rigid-body modes and in what other vectors add to them.
+
+    1. Take what each group of vectors adds to those before, orthonormal in S = K + σM, and to rigid-body modes in M.
+    2. Turn them so that K and M become diagonal.
+    3. Project all matrices.
+    """
+    # 1. a basis
+    n_rigid, of_rigid, groups = rigid.shape[1], model.mass @ rigid, list[tuple[Array, Array]]()
+    for group in vectors:
+        for again in (False, True):  # a second time for what the first left by rounding
+            left = group - rigid @ (of_rigid.T @ group)
+            for others, energy_of in groups:
+                left = left - others @ (energy_of.T @ left)
+            if not again:
+                before = np.sqrt(np.maximum(_energy(model, group, shift), np.finfo(float).tiny))
+            after = np.sqrt(np.maximum(_energy(model, left, shift), 0.0))
+            left = left[:, after > _SAME * before] / after[after > _SAME * before]
+            work = model.stiffness @ left + shift * (model.mass @ left)
+            size, axes = np.linalg.eigh(_symmetric(left.T @ work))
+            kept = size > _SAME * size.max(initial=0.0)
+            group = left @ (axes[:, kept] / np.sqrt(size[kept]))
+            before = np.ones(group.shape[1])
+        if group.shape[1]:
+            groups.append((group, model.stiffness @ group + shift * (model.mass @ group)))
+    basis = np.hstack([others for others, _ in groups])
+    # 2. diagonal
     kinetic, strain = (_symmetric(basis.T @ (matrix @ basis)) for matrix in (model.mass, model.stiffness))
     inverse, turn = linalg.eigh(kinetic, strain + shift * kinetic)
     inverse, turn = np.maximum(inverse[::-1], _STATIC * inverse[-1]), turn[:, ::-1]
@@ -268,6 +287,7 @@ def _projected(
     whole = np.hstack([rigid, basis @ (turn / np.sqrt(inverse))])
     eigenvalues = np.concatenate([np.zeros(n_rigid), 1 / inverse - shift])
 
+    # 3. projections
     def projected(matrix: Sparse | None) -> Array:
         r = len(eigenvalues)
         return np.zeros((r, r)) if matrix is None else _symmetric(whole.T @ (matrix @ whole))
@@ -280,28 +300,6 @@ def _projected(
     looked_at = np.array([np.zeros(len(eigenvalues)) if row is None else whole[row] for row in seen]).T
     unit = np.eye(len(eigenvalues))
     return ReducedModel(np.diag(eigenvalues), unit, whole.T @ forms, n_rigid, damping, parts, looked_at)
-
-
-def _independent(model: FeModel, rigid: Array, vectors: list[Array], shift: float) -> Array:
-    """What each group of vectors adds to those before it, orthonormal in S = K + σM and to rigid-body modes in M."""
-    of_rigid, groups = model.mass @ rigid, list[tuple[Array, Array]]()
-    for group in vectors:
-        for again in (False, True):  # a second time for what the first left by rounding
-            left = group - rigid @ (of_rigid.T @ group)
-            for basis, energy_of in groups:
-                left = left - basis @ (energy_of.T @ left)
-            if not again:
-                before = np.sqrt(np.maximum(_energy(model, group, shift), np.finfo(float).tiny))
-            after = np.sqrt(np.maximum(_energy(model, left, shift), 0.0))
-            left = left[:, after > _SAME * before] / after[after > _SAME * before]
-            work = model.stiffness @ left + shift * (model.mass @ left)
-            size, axes = np.linalg.eigh(_symmetric(left.T @ work))
-            kept = size > _SAME * size.max(initial=0.0)
-            group = left @ (axes[:, kept] / np.sqrt(size[kept]))
-            before = np.ones(group.shape[1])
-        if group.shape[1]:
-            groups.append((group, model.stiffness @ group + shift * (model.mass @ group)))
-    return np.hstack([basis for basis, _ in groups])
 
 
 def _energy(model: FeModel, vectors: Array, shift: float) -> Array:
