@@ -1,4 +1,4 @@
-"""Figure and printed lines of docs/stability-lobes.md, from examples/stability_lobes.py; and how true the band is.
+"""Figure and printed lines of docs/examples/spindle-tool.md, from examples/stability_lobes.py; and how true the band is.
 
 The exact tool has the springs that made the data of the tap test. Its limiting depth should lie inside the 95 % band at
 95 of 100 speeds, and all speeds hang together: one data set is one case.
@@ -20,7 +20,7 @@ from jointbayes.frf import receptance_model
 from jointbayes.structure import family_of_recipe
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, FIGURE = ROOT / "docs" / "stability-lobes.md", ROOT / "docs" / "figures" / "stability_lobes.svg"
+PAGE, FIGURE = ROOT / "docs" / "examples" / "spindle-tool.md", ROOT / "docs" / "figures" / "stability_lobes.svg"
 
 
 def example() -> ModuleType:

@@ -3,7 +3,7 @@
 Each data set has its own errors of the spindle's FRFs and of the tool's. The 95 % intervals of the joint's stiffnesses
 should hold the truth in 95 of 100. Three studies: the noise of the spindle counts in the likelihood; it is ignored; it
 counts, and the joint has a loss factor of its own. The data are those of both bodies assembled, dense matrices solved
-line by line. Data sets are kept in build/measured_body as they come; the table goes to docs/measured-bodies.md.
+line by line. Data sets are kept in build/measured_body as they come; the table goes to docs/imported.md.
 
     python -m benchmarks.measured_body --sets 100
 """
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS, PAGE = ROOT / "benchmarks" / "measured_body.json", ROOT / "docs" / "measured-bodies.md"
+RESULTS, PAGE = ROOT / "benchmarks" / "measured_body.json", ROOT / "docs" / "imported.md"
 KEPT, SETS = ROOT / "build" / "measured_body", 100
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
@@ -134,7 +134,7 @@ def analyse(study: str, index: int) -> tuple[Posterior, dict[str, float]]:
 
 
 def section(results: Mapping[str, Any]) -> str:
-    """What stands in docs/measured-bodies.md."""
+    """What stands in docs/imported.md."""
     head = ("noise of the spindle", "k11", "k12", "k22", "loss factor", "model explains the data", "converged")
     rows = []
     for study, data in results.items():

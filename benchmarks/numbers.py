@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import example_data, example_figures, gallery, quoted, readme_figure, reference_pages
+from benchmarks import example_data, example_figures, gallery, quoted, readme_figure
 from benchmarks.record import environment
 from jointbayes.case.case_text import read_case_text
 
@@ -34,7 +34,7 @@ MADE_WITH: dict[str, Callable[[], dict[str, float]]] = {
 }
 #: Cases whose hypotheses docs/comparison.md weighs.
 COMPARED = ("clamped_beam_frequencies", "clamped_beam_frequencies_360mm")
-#: What docs/paper.md shows of the paper's iteration: name, case, and what is changed in it.
+#: What docs/method.md shows of the paper's iteration: name, case, and what is changed in it.
 ITERATIONS = {
     "clamped_beam_noise_free": ("clamped_beam_noise_free", ()),
     "clamped_beam": ("clamped_beam", ()),
@@ -217,9 +217,8 @@ def runnable() -> list[str]:
 
 
 def made_files(record: dict[str, Any]) -> dict[Path, str]:
-    """Files that are made whole: the pages that the code writes, and the figures of runs."""
-    files = {ROOT / "docs" / name: page() for name, page in reference_pages.PAGES.items()}
-    files |= {example_figures.FOLDER / name: text for name, text in example_figures.drawn().items()}
+    """Return the figures of runs, as text by their files."""
+    files = {example_figures.FOLDER / name: text for name, text in example_figures.drawn().items()}
     return files | {readme_figure.FIGURE: readme_figure.drawn(record), gallery.FIGURE: gallery.drawn(record)}
 
 

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks import reference_pages
+
 ROOT = Path(__file__).resolve().parents[1]
 Record = dict[str, Any]
 
@@ -276,4 +278,6 @@ BLOCKS: dict[str, Callable[..., list[str]]] = {
     "left_out": _left_out,
     "made": _made,
     "file": _file,
+    "commands": lambda _: reference_pages.command_line(),
+    "terms": lambda _: reference_pages.glossary(),
 }

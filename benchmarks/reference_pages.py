@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code, which `benchmarks.numbers` writes into `docs/`."""
+"""Parts of the reference that are made from the code, which `benchmarks.quoted` puts into the pages."""
 
 import inspect
 import json
@@ -15,14 +15,11 @@ from pydantic_core import PydanticUndefined
 from jointbayes.cli.commands import main
 from jointbayes.report.guides import terms
 
-_NOTE = "<!-- `make pages` writes this page from the code: change the code. -->"
 
-
-def command_line() -> str:
+def command_line() -> list[str]:
     """Every command with its arguments and options, as `--help` says it; what many have alike is said once."""
     of_all, shared = _shared_options()
-    lines = ["# Command line", "", _NOTE, "", *_paragraphs(main)]
-    lines += [", ".join(f"[`{name}`](#jointbayes-{name})" for name, _ in _commands()) + ".", ""]
+    lines = ["## Commands", "", ", ".join(f"[`{name}`](#jointbayes-{name})" for name, _ in _commands()) + ".", ""]
     lines += ["## Options of every command", "", *_table(of_all), "## Options of several commands", "", *_table(shared)]
     for name, command in _commands():
         context = click.Context(command, info_name=f"jointbayes {name}", **main.context_settings)
@@ -32,7 +29,7 @@ def command_line() -> str:
         also = ", ".join(f"`{option[0].split()[0]}`" for option in options if option in shared)
         lines += [f"## jointbayes {name}", "", f"`{usage}`", "", *_paragraphs(command)]
         lines += [*(_table(own) if own else ()), *((f"Also {also}.", "") if also else ())]
-    return "\n".join(lines).rstrip() + "\n"
+    return "\n".join(lines).rstrip().splitlines()
 
 
 def _shared_options() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
@@ -105,12 +102,7 @@ def anchor_of(heading: str) -> str:
     return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
-def glossary() -> str:
-    """The terms of reports, as their appendix has them."""
-    rows = [f"| {_escaped(term)} | {_escaped(meaning)} |" for term, meaning in terms().items()]
-    head = ["# Glossary", "", _NOTE, "", "As in the appendix of each report.", "", "| Term | Meaning |", "|---|---|"]
-    return "\n".join([*head, *rows, ""])
-
-
-#: Pages by name, and what writes them.
-PAGES = {"command-line.md": command_line, "glossary.md": glossary}
+def glossary() -> list[str]:
+    """Return a table of the terms of reports, as their appendix has them."""
+    rows = (f"| {_escaped(term)} | {_escaped(meaning)} |" for term, meaning in terms().items())
+    return ["| Term | Meaning |", "|---|---|", *rows]

@@ -2,7 +2,7 @@
 
 A page is read from its top: the commands of a ``console`` block are run in an empty directory that holds the files of
 `FILES`, and what they print takes the place of what stands there. The lines of a ``toml`` block with a comment
-``answers`` before it take the place of the lines of my_case.toml that begin alike, those of one with ``added`` go to
+``answers`` before it take the place of the lines of the newest case that begin alike, those of one with ``added`` go to
 its end. The beam behind the files is exact, without a mesh. `--files DIRECTORY` writes the files, for a reader who
 wants to follow; pages that are named are written alone.
 """
@@ -22,7 +22,7 @@ from benchmarks.numbers import ROOT, command
 from benchmarks.written_files import write_records
 from vibrecords.records import FrfRecord
 
-PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "my-csv", "first-file", "first-hits"))
+PAGES = tuple(ROOT / "docs" / f"{name}.md" for name in ("tutorial", "my-file"))
 TRUTH = ExactBeam(
     0.383, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 6: 0.1915, 11: 0.383}, (5.05e9, 3.44e7, 1.52e6)
 )
@@ -135,7 +135,8 @@ def made(page: str, *, long: bool) -> str:
 
         def replaced(block: re.Match[str]) -> str:
             if block["mark"]:
-                (_answer if block["mark"] == "answers" else _add)(folder / "my_case.toml", block["body"])
+                newest = max(folder.glob("*.toml"), key=lambda path: path.stat().st_mtime_ns)
+                (_answer if block["mark"] == "answers" else _add)(newest, block["body"])
                 return block[0]
             return f"```console\n{_console(block['body'], folder, long)}```"
 

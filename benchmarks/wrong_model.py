@@ -11,7 +11,7 @@ the printed 95 % interval holds it; how often it lies outside the 99.9 % interva
 verdict stood there.
 
 Outcomes are kept in build/wrong_model.jsonl as they come, so that a study that was cut off goes on where it was. The
-table of each beam goes to docs/wrong-model.md.
+table of each beam goes to docs/what-can-be-wrong.md.
 """
 
 import argparse
@@ -41,7 +41,7 @@ from vibrecords import Antiresonances, ModeData, ModeShapes, Observed
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "wrong_model.jsonl"
-PAGE = ROOT / "docs" / "wrong-model.md"
+PAGE = ROOT / "docs" / "what-can-be-wrong.md"
 #: Kinds by name, and the part of each by which a length or a modulus is off.
 WRONGS = {
     "nothing": 0.0,

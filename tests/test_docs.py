@@ -146,13 +146,18 @@ def test_every_public_name_is_there_and_is_loaded_at_first_use_only():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_every_public_name_has_its_place_in_the_api_page():
-    shown = re.findall(r"^::: [\w.]+\.(\w+)$", text_of("api.md"), re.MULTILINE)
+def _api() -> str:
+    """Give the text of both pages on Python."""
+    return text_of("api.md") + text_of("api-problem.md")
+
+
+def test_every_public_name_has_its_place_in_the_api_pages():
+    shown = re.findall(r"^::: [\w.]+\.(\w+)$", _api(), re.MULTILINE)
     assert sorted(shown) == sorted([*jb.__all__, *jb._MOVED])
 
 
 def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_names():
-    text = text_of("api.md")
+    text = _api()
     described = {line.rpartition(".")[2] for line in re.findall(r"^::: (\S+)$", text, re.MULTILINE)}
     elsewhere = {}
     for names, room in re.findall(r"^\| (`.*) \| `((?:jointbayes|vibrecords)\S*)` \|$", text, re.MULTILINE):
@@ -211,7 +216,7 @@ def test_every_module_and_python_file_named_exists(page):
 def test_the_page_on_exit_codes_has_those_of_the_command_line():
     from jointbayes.cli import common as cli
 
-    page = text_of("exit-codes-and-errors.md")
+    page = text_of("command-line.md")
     stated = {int(code) for code in re.findall(r"^\| (\d+) \|", page, re.MULTILINE)}
     stopped = {cli.FAULT_OF_THE_PROGRAM, cli.INTERRUPTED, cli.OUTPUT_CLOSED, cli.TERMINATED}
     assert stated == {0, cli.NOT_MATCHED, cli.CASES_FAILED, cli.BAD_INPUT, cli.NOT_CONVERGED} | stopped
@@ -241,7 +246,7 @@ def test_readme_and_pages_have_at_most_so_many_words_and_no_page_has_all_of_them
 
 
 def test_the_page_made_from_the_command_line_has_every_command_and_option():
-    page = reference_pages.command_line()
+    page = text_of("command-line.md")
     sections = dict(re.findall(r"^## jointbayes (\w+)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
     assert set(sections) == set(main.commands)
     of_every = page[page.index("## Options of every command") : page.index("## Options of several commands")]
@@ -261,8 +266,8 @@ def test_the_gallery_shows_a_small_picture_of_each_report_that_it_names():
 
 
 def test_the_page_on_the_report_has_its_pages_in_their_order():
-    headings = [heading for heading, _ in _sections(DOCS / "reading-the-report.md")]
-    assert headings == ["Page one", *(title for _, title, *_ in contents.PAGES), "Appendix"]
+    headings = [heading for heading, _ in _sections(DOCS / "gallery.md")]
+    assert headings == ["Page one", *(title for _, title, *_ in contents.PAGES), "Appendix", "Gallery"]
 
 
 def test_the_first_case_that_is_shown_says_what_has_no_default_and_no_more():
@@ -283,13 +288,13 @@ def test_every_page_is_in_the_navigation_once_and_behind_its_links():
     listed = re.findall(r": ([\w/-]+\.md)$", navigation, re.MULTILINE)
     assert sorted(listed) == sorted(page.relative_to(DOCS).as_posix() for page in PAGES if page != README)
     top = re.findall(r"^  - (.*?):", navigation, re.MULTILINE)
-    assert top == ["Start", "Tutorial", "How to", "Explanation", "Reference"]
+    assert top == ["Start", "How to", "Why", "Reference"]
 
 
 def test_the_reasons_that_the_how_to_explains_are_those_of_the_verdicts():
     sources = (ROOT / "src" / "jointbayes" / "posterior").glob("*.py")
     written = " ".join(path.read_text(encoding="utf-8") for path in sources)
-    section = dict(_sections(DOCS / "not-identified.md"))["2. Read the reason"]
+    section = text_of("what-now.md").partition("### Read the reason\n")[2].partition("\n### ")[0]
     reasons = [row.split("|")[1] for row in section.splitlines() if row.startswith("| ")][1:]
     assert len(reasons) >= 6
     for reason in reasons:
@@ -298,7 +303,7 @@ def test_the_reasons_that_the_how_to_explains_are_those_of_the_verdicts():
 
 
 def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch):
-    shown = text_of("exit-codes-and-errors.md")
+    shown = text_of("command-line.md")
     right = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
     slips = {
         "typo": (("length_mm = 383.0", "lenght_mm = 383.0"),),

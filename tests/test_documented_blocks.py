@@ -75,11 +75,10 @@ AROUND = {
     "measured-2": FRF,
     "measured-3": FRF,
     "modes-2": MODES,
-    "noise-1": MODES,
-    "not-explained-1": FRF,
-    "not-explained-4": FRF,
-    "not-identified-2": SPRINGS,
-    "several-tests-4": FRF,
+    "what-can-be-wrong-1": MODES,
+    "what-now-1": FRF,
+    "what-now-3": FRF,
+    "what-now-5": SPRINGS,
 }
 
 

@@ -21,7 +21,7 @@ def test_a_walk_through_shows_what_its_commands_print(page):
 
 @pytest.mark.docs
 def test_a_csv_of_ones_own_leads_to_a_report_in_three_commands():
-    text = next(page for page in PAGES if page.stem == "my-csv").read_text(encoding="utf-8")
+    text = next(page for page in PAGES if page.stem == "my-file").read_text(encoding="utf-8")
     typed = re.findall(r"^\$ jointbayes (\w+)", text, re.MULTILINE)
     assert {"init", "run"} <= set(typed[:3])
     assert typed.index("run") < 3
@@ -29,7 +29,7 @@ def test_a_csv_of_ones_own_leads_to_a_report_in_three_commands():
 
 @pytest.mark.docs
 def test_a_changed_output_is_noticed():
-    text = next(page for page in PAGES if page.stem == "first-file").read_text(encoding="utf-8")
+    text = next(page for page in PAGES if page.stem == "my-file").read_text(encoding="utf-8")
     assert made(text.replace("averages: 10", "averages: 11", 1), long=False) == text
 
 

@@ -396,7 +396,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
     )
     assert "Young's modulus, density, length and damping ratio are taken as exact. With inputs as in a" in text
     assert f"as in a workshop ({said})" in text
-    assert said in (CONFIGS.parent / "docs" / "uncertain.md").read_text(encoding="utf-8").replace("\n> ", " ")
+    assert said in (CONFIGS.parent / "docs" / "identifiability.md").read_text(encoding="utf-8").replace("\n> ", " ")
     assert ", ".join(summary["identifiability"]["freed_assumptions"]) == said
     # the assumed problem is the case's own where its quantities are at their stated values
     whole = np.concatenate([cheap_posterior.estimate.theta, np.zeros(4)])

@@ -60,7 +60,7 @@ def test_the_terms_state_the_limits_of_the_program():
     assert f"at most {IDENTIFIED_RATIO:g} times" in meaning
     assert f"at most {WEAK_RATIO:g} times" in meaning
     assert f"at {SamplerSettings().r_hat_max:g} or more" in terms()["R-hat"]
-    assert all(f"| {meaning} |" in glossary().replace("\\", "") for meaning in terms().values())
+    assert all(f"| {meaning} |" in "\n".join(glossary()).replace("\\", "") for meaning in terms().values())
     report = Report("Clamp", "", (), (section,), datetime.date(2026, 1, 5), "0")
     assert meaning in render_html(report).replace("\u00a0", " ")
     assert render_pdf(report).startswith(b"%PDF-")

@@ -1,6 +1,6 @@
 """Wrong models: the answer by modes holds the true joint, or the light of the model or a condition says what is wrong.
 
-One data set each of `benchmarks.wrong_model` and, for right models, `false_alarms`; docs/wrong-model.md says what
+One data set each of `benchmarks.wrong_model` and, for right models, `false_alarms`; docs/what-can-be-wrong.md says what
 the long studies found.
 """
 

@@ -28,7 +28,7 @@ Residuals = NDArray[Any]
 class ErrorSizes:
     """Standard deviations of the model's errors.
 
-    Updated models of real structures miss measured natural frequencies by 0.1 % to 3 %, see docs/noise.md.
+    Updated models of real structures miss measured natural frequencies by 0.1 % to 3 %, see docs/what-can-be-wrong.md.
 
     Parameters
     ----------
