@@ -1,4 +1,4 @@
-"""Figure and printed lines of docs/examples/spindle-tool.md, from examples/stability_lobes.py; and how true the band is.
+"""Figure and lines of docs/examples/spindle-tool.md, from examples/stability_lobes.py; and how true the band is.
 
 The exact tool has the springs that made the data of the tap test. Its limiting depth should lie inside the 95 % band at
 95 of 100 speeds, and all speeds hang together: one data set is one case.

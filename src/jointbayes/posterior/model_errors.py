@@ -35,7 +35,8 @@ NOT_RECIPROCAL = 2.0
 
 
 #: Errors of natural frequencies, as fractions, up to which a model is as good as models usually are, and up to which it
-#: may be one of the structure at all, see docs/what-can-be-wrong.md; of a model that is stated to be worse, in its own measure.
+#: may be one of the structure at all; of a model that is stated to be worse, in its own measure. See
+#: docs/what-can-be-wrong.md.
 USUAL_ERROR, LARGEST_ERROR = 0.01, 0.03
 #: The same of what springs to ground that are not modelled do to the lowest frequency, and of the shifts of length,
 #: modulus, density and clamp's edge, in standard deviations of their priors.
