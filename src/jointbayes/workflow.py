@@ -25,7 +25,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Independent, LogPosterior, Premises, Problem, in_workshop, on_nodes
+from jointbayes.inference import Independent, Premises, Problem, in_workshop
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
@@ -58,12 +58,9 @@ AS_ASKED = "As was asked, the data are taken within their noise and the model as
 _PRIOR_DRAWS = 8000
 _SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
-#: Of a posterior by quadrature: joints from which its basis is made, draws that are judged on all lines, and the least
-#: efficiency that these may have.
-_ABOUT, _MOST_DRAWS, _AS_GOOD = 400, 8000, 0.999
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
-_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR, _NODES = range(6)
+_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
 
 
 def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHistory:
@@ -324,31 +321,17 @@ def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback) -> Post
     start = starting_walkers(starts, prior, run.settings, run.generator(_WALKERS), proposal.shares)
     least = run.estimate.log_posterior - _NO_DRAW
     start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
-    about, _ = proposal.weighted_draws(prior, run.generator(_NODES), _ABOUT)
-
-    def drawn(density: LogPosterior) -> tuple[Chains, Proposal]:
-        return run_adapted(
-            density,
-            start,
-            run.generator(_STEPS),
-            run.settings,
-            tell,
-            systems=coordinate_systems(problem),
-            proposal=proposal,
-            quantities=judged_quantities(problem.prior),
-        )
-
-    density = on_nodes(problem, about)
     tell(Progress("sampling"))
-    chains, last = drawn(density)
-    if density is not log_posterior:
-        chains, efficiency = chains.reweighed(log_posterior, _MOST_DRAWS)
-        if efficiency >= _AS_GOOD:
-            kept = f"{chains.draws().log_density.size} draws kept, on all lines"
-            reason = f"{chains.reason}; likelihood by quadrature on few lines, importance efficiency {efficiency:.6f}"
-            chains = replace(chains, reason=f"{reason} of the {kept}")
-        else:
-            chains, last = drawn(log_posterior)
+    chains, last = run_adapted(
+        log_posterior,
+        start,
+        run.generator(_STEPS),
+        run.settings,
+        tell,
+        systems=coordinate_systems(problem),
+        proposal=proposal,
+        quantities=judged_quantities(problem.prior),
+    )
     return _posterior(run, last, chains)
 
 

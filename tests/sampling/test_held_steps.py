@@ -1,7 +1,6 @@
 """A long run holds evenly spaced steps, the same however it came so far, and its diagnostics are those of all."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,16 +119,3 @@ def test_no_more_than_so_many_steps_are_held_and_those_of_shorter_runs_all():
         every = spacing(steps)
         assert steps // every <= 25_000
         assert every == 1 or steps > every // 2 * 25_000
-
-
-def test_draws_take_the_density_that_they_are_judged_by_and_are_no_more_than_that_may_cost():
-    chains = replace(run(), thin=2)
-    same, whole = chains.reweighed(gaussian, 10**6)
-    assert (same.thin, whole) == (2, 1.0)
-    few, efficiency = chains.reweighed(lambda x: gaussian(x) + 0.5 * x[:, 0], 500)
-    draws = few.draws()
-    assert 250 < draws.log_density.size <= 500
-    own = gaussian(draws.theta.reshape(-1, 2)).reshape(draws.log_density.shape)
-    np.testing.assert_array_equal(draws.log_density, own + 0.5 * draws.theta[..., 0])
-    # of weights exp(x/2) over a standard normal x it is exp(-1/4)
-    assert efficiency == pytest.approx(np.exp(-0.25), abs=0.1)

@@ -27,7 +27,6 @@ from jointbayes.inference.prior import JointPrior as JointPrior
 from jointbayes.inference.problem import Premises as Premises
 from jointbayes.inference.problem import Problem as Problem
 from jointbayes.inference.problem import UsedMode as UsedMode
-from jointbayes.inference.quadrature import on_nodes as on_nodes
 from jointbayes.inference.test import Test as Test
 from jointbayes.inference.test import likelihood_of as likelihood_of
 from jointbayes.inference.workshop import in_workshop as in_workshop

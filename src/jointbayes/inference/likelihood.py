@@ -12,10 +12,9 @@ Goodman, N. R. (1963). Statistical analysis based on a certain multivariate comp
 Mathematical Statistics 34(1), 152-177. DOI 10.1214/aoms/1177704250
 """
 
-import copy
 import math
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +28,6 @@ from jointbayes.inference.likelihood_base import (
     STEP,
     ComplexResidual,
     Likelihood,
-    SumOfSquares,
     moved_factors,
 )
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
@@ -147,7 +145,6 @@ class FrfLikelihood(Likelihood):
                     "the noise of the body is added; choose one of these"
                 )
             self.propagated = PropagatedNoise(model, variance)
-        self._reduced: SumOfSquares | None = None
         # where a sum of squares says it all, it is summed without any array over lines
         self._squares = self.noise.needs_chi2_only and not (self._gain or propagate)
         if self._squares:
@@ -163,30 +160,10 @@ class FrfLikelihood(Likelihood):
         """Whether `gradient` is there."""
         return self._squares
 
-    @property
-    def sums_squares(self) -> bool:
-        """Whether ln L depends on the residuals by the sum of their squares alone."""
-        return self.noise.needs_chi2_only and self.propagated is None
-
-    def with_squares(self, squares: SumOfSquares) -> Self:
-        """The same likelihood with these sums of squares in place of those over all lines, where they may be."""
-        other = copy.copy(self)
-        other._reduced = squares
-        return other
-
     def log_likelihood(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
         """ln L, shape (batch,), of joint matrices, shape (batch, r, r), and factors, shape (batch, q)."""
         joints = joint_matrix_of(matrices)
         factor_rows = factors_batch(factors, len(joints))
-        if self._reduced is None:
-            return self._on_all_lines(joints, factor_rows)
-        chi2, relied_on = self._reduced(joints, factor_rows)
-        value = self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))
-        if not relied_on.all():
-            value[~relied_on] = self._on_all_lines(joints[~relied_on], factor_rows[~relied_on])
-        return value
-
-    def _on_all_lines(self, joints: JointMatrix, factor_rows: Array) -> Array:
         if self._squares:
             chi2 = self._misfit.chi2(joints, self._structural(factor_rows))
             value = self.constant + self.noise.log_likelihood_of_chi2(chi2, self.n_data, self.hyper(factor_rows))

@@ -7,9 +7,9 @@ residuals z for a noise model, such that the total ln L = constant + noise.log_l
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.errors import ModelError
 from jointbayes.inference.noise.base import NoiseModel, Residuals, residuals_of_values, values_of_residuals
 from jointbayes.joint import AnyJointMatrix, JointMatrix, joint_matrix_of
-from vibrecords.arrays import Array, ComplexArray, Flags, Indices
-
-#: Σ|z|², shape (n,), of joint matrices (n, r, r) and factors (n, q), and whether each may be relied on.
-SumOfSquares = Callable[[JointMatrix, Array], tuple[Array, Flags]]
+from vibrecords.arrays import Array, ComplexArray, Indices
 
 
 class ComplexResidual:
@@ -96,15 +93,6 @@ class Likelihood(ABC):
     def has_slope(self) -> bool:
         """Whether `gradient` is there, where the noise is Gaussian of known size."""
         return True
-
-    @property
-    def sums_squares(self) -> bool:
-        """Whether ln L of measured lines depends on the residuals by the sum of their squares alone."""
-        return False
-
-    def with_squares(self, squares: SumOfSquares) -> Self:
-        """The same likelihood with the sum of squares computed in another way, where `sums_squares`."""
-        raise NotImplementedError
 
     def hyper(self, factors: ArrayLike) -> Array:
         """Parameters of the noise model among factors (batch, q), shape (batch, hyper_count)."""

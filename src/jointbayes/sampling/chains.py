@@ -1,12 +1,12 @@
 """The steps of a run: those made so far, what the checks found, and what the run leaves behind."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jointbayes.progress import Progress
-from jointbayes.sampling.density import LogDensity, SeveralModes
+from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.ensemble import Advance, EnsembleState, MoveCount, SamplerSettings, StepBlock, Streams
 from jointbayes.sampling.stopping import (
     Check,
@@ -127,32 +127,6 @@ class Chains:
         """Effective sample size of all steps after burn-in, shape (d,)."""
         ensembles, held, walkers, _ = self.theta.shape
         return ensembles * (held - self.held_burn_in) * walkers / (self.tau / self.every)
-
-    def reweighed(self, log_density: LogDensity, most: int) -> tuple["Chains", float]:
-        """The same run with another log-density at its draws, and how efficient these are as draws from that one.
-
-        Parameters
-        ----------
-        log_density : callable
-            Log of a density close to the one that was sampled.
-        most : int
-            Number of draws that are looked at: `thin` is raised until there are no more.
-
-        Returns
-        -------
-        chains, efficiency
-            (Σw)²/(n Σw²) of the weights w between the two densities: 1 where they are the same.
-        """
-        ensembles, held, walkers, dimension = self.theta.shape
-        of_each = max(1, most // (ensembles * walkers))
-        step = max(1, self.thin // self.every, -(-(held - self.held_burn_in) // of_each))
-        kept = slice(self.held_burn_in, None, step)
-        values, theta = self.log_density.copy(), self.theta[:, kept]
-        other = log_density(theta.reshape(-1, dimension)).reshape(theta.shape[:-1])
-        weight = np.exp(other - values[:, kept])
-        values[:, kept] = other
-        efficiency = float(weight.sum() ** 2 / (weight.size * (weight**2).sum()))
-        return replace(self, thin=step * self.every, log_density=values), efficiency
 
     def draws(self, *, thinned: bool = True) -> Draws:
         """Return the draws after burn-in.
