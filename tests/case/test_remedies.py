@@ -1,7 +1,9 @@
 """What messages on measurement files tell the user to write stands in the schema of cases."""
 
+import ast
 import re
 from pathlib import Path
+from string import Formatter
 
 import pytest
 
@@ -14,7 +16,7 @@ from jointbayes.case.spec.data_table import (
     RecordsSpec,
     VarianceSpec,
 )
-from vibrecords.warnings.remedies import REMEDIES
+from vibrecords.warnings.kinds import KINDS
 
 KEYS = {
     "[data]": MeasuredFrfSpec.model_fields.keys() | MeasuredFrequenciesSpec.model_fields.keys() | {"frequencies_hz"},
@@ -23,13 +25,14 @@ KEYS = {
     "[data.records]": RecordsSpec.model_fields.keys(),
     "[data.variance]": VarianceSpec.model_fields.keys(),
 }
-SOURCES = [path.read_text(encoding="utf-8") for path in Path(vibrecords.__file__).parent.rglob("*.py")]
+FILES = [*Path(vibrecords.__file__).parent.rglob("*.py")]
+SOURCES = [path.read_text(encoding="utf-8") for path in FILES] + [kind["remedy"] for kind in KINDS.values()]
 ALL_KEYS = set().union(*KEYS.values())
 
 
-@pytest.mark.parametrize("key", REMEDIES)
+@pytest.mark.parametrize("key", KINDS)
 def test_a_remedy_names_keys_of_the_schema(key):
-    remedy = REMEDIES[key]
+    remedy = KINDS[key]["remedy"]
     assert set(re.findall(r"\[data[\w.]*\]", remedy)) <= KEYS.keys()
     assert set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", remedy)) <= ALL_KEYS
     for name, table in re.findall(r"(\w+)(?: = [\w\"]+)?,? in (\[data[\w.]*\])", remedy):
@@ -42,3 +45,19 @@ def test_every_table_of_a_message_is_one_of_the_schema():
     stated = {pair for source in SOURCES for pair in re.findall(r"\b(\w+) = \S{1,20} in (\[data[.\w]*\])", source)}
     assert {(key, table) for key, table in stated if key not in KEYS[table]} == set()
     assert len(stated) > 3
+
+
+def test_every_warning_fills_the_braces_of_its_row_and_every_row_is_used():
+    used = set()
+    trees = [
+        ast.parse(path.read_text(encoding="utf-8"))
+        for path in FILES
+        if path.parent.name == "warnings" and path.suffix == ".py"
+    ]
+    for call in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)):
+        if getattr(call.func, "id", "") == "warn":
+            for key in (node.value for node in ast.walk(call.args[0]) if isinstance(node, ast.Constant)):
+                fields = {name for _, name, _, _ in Formatter().parse(KINDS[key]["found"]) if name}
+                assert fields == {keyword.arg for keyword in call.keywords}, key
+                used.add(key)
+    assert used == KINDS.keys()

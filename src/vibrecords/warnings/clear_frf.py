@@ -10,7 +10,7 @@ from vibrecords.arrays import Array, Band, ComplexArray, Quantity, quantity_fact
 from vibrecords.driven import driven_lines
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable, parse_dof
-from vibrecords.warnings.remedies import warn
+from vibrecords.warnings.kinds import warn
 
 #: A resonance rises above both sides by this factor, up to where it is higher, and above the noise by that.
 _RISE, _ABOVE_NOISE = 3.0, 10.0
@@ -211,8 +211,4 @@ def shift_warning(first: Peaks, other: Peaks, *, same_frf: bool) -> MeasurementW
     change = f"{abs(relative[largest]):.2g} % {'lower' if relative[largest] < 0 else 'higher'}"
     at = f"{first.centre_hz[near][moved][largest]:.5g} Hz"
     where = f"{int(moved.sum())} of {int(near.sum())} resonances are elsewhere, that at {at} {change}"
-    if same_frf:
-        cause = "the structure depends on the level of the force, or changed"
-        return warn("level_dependence", f"the same FRF is there twice, and {where}: {cause}")
-    found = f"over the same force {where}, all of these the same way: the structure changed between the runs"
-    return warn("mass_loading", f"{found}, as by the mass of a roving accelerometer, the temperature, the level")
+    return warn("level_dependence" if same_frf else "mass_loading", where=where)

@@ -13,7 +13,7 @@ from vibrecords.records import FrfRecord, Record, TimeRecord, measurable
 from vibrecords.signals.hits import hits_of, is_cut_off
 from vibrecords.warnings.clear_frf import ClearFrf, Peaks, are_conjugates, shift_warning
 from vibrecords.warnings.frf_warnings import conjugated_warning, warnings_of_frf, warnings_of_notes
-from vibrecords.warnings.remedies import warn
+from vibrecords.warnings.kinds import warn
 
 #: Lines kept of each FRF, so that a file of many thousands can be compared within little memory.
 _KEPT = 128
@@ -57,9 +57,7 @@ def disagreement(first: Sketch, other: Sketch) -> MeasurementWarning | None:
     larger = np.maximum(np.abs(a), np.abs(b))
     noise = np.hypot(first.noise.astype(float), other.noise.astype(float))
     apart = np.abs(a - b) > 4 * noise + 0.15 * larger
-    if apart.mean() > 0.1:
-        return warn("shape", f"they differ by more than noise and 15 % on {100 * apart.mean():.0f} % of the lines")
-    return None
+    return warn("shape", percent=100 * apart.mean()) if apart.mean() > 0.1 else None
 
 
 def _named_ratio(f: Array, ratio: ComplexArray) -> MeasurementWarning | None:
@@ -74,26 +72,17 @@ def _named_ratio(f: Array, ratio: ComplexArray) -> MeasurementWarning | None:
         if np.median(np.abs(scatter)) > _CONSTANT or np.median(np.abs(phase)) > _CONSTANT:
             continue
         if power:
-            return warn("quantity", f"their ratio grows like frequency to the power {power}: one quantity is wrong")
-        return _named_constant(level, bool(turn.real < 0))
-    return None
-
-
-def _named_constant(level: float, turned: bool) -> MeasurementWarning | None:
-    def near(value: float) -> bool:
-        return abs(math.log(level / value)) < _NEAR
-
-    level, opposite = max(level, 1 / level), " and the opposite sign" if turned else ""
-    if near(_G):
-        return warn("g", f"one is {level:.4g} times the other{opposite}: one is in g, the other in m/s²")
-    for factor, value in (("2π", 2 * np.pi), ("(2π)²", 4 * np.pi**2)):
-        if near(value):
-            same = f"once both are the same quantity{opposite}"
-            return warn("rad_per_s", f"one is {factor} times the other {same}: the axis is in rad/s")
-    if math.log(level) > 0.15:
-        return warn("factor", f"one is {level:.4g} times the other on all lines{opposite}")
-    if turned:
-        return warn("sign", "they have opposite signs on all lines")
+            return warn("quantity", power=power)
+        level, opposite = max(level, 1 / level), " and the opposite sign" if turn.real < 0 else ""
+        if abs(math.log(level / _G)) < _NEAR:
+            return warn("g", level=level, opposite=opposite)
+        for factor, value in (("2π", 2 * np.pi), ("(2π)²", 4 * np.pi**2)):
+            if abs(math.log(level / value)) < _NEAR:
+                found = f"one is {factor} times the other once both are the same quantity{opposite}"
+                return warn("rad_per_s", found=found)
+        if math.log(level) > 0.15:
+            return warn("factor", level=level, opposite=opposite)
+        return warn("sign") if opposite else None
     return None
 
 
@@ -202,8 +191,8 @@ class WarningCollector:
         self._waiting.clear()
         if self._highest_hz > 1.01 * self._nyquist_hz:
             most = f"the time histories of the file can show {self._nyquist_hz:.6g} Hz at most"
-            sentence = f"the lines reach {self._highest_hz:.6g} Hz, but {most}: the axis is probably in rad/s"
-            self._keep(self._highest_where, warn("rad_per_s", sentence))
+            found = f"the lines reach {self._highest_hz:.6g} Hz, but {most}"
+            self._keep(self._highest_where, warn("rad_per_s", found=found))
         merged = []
         for group, alike in self._raw.items():
             count = self._counts[group]
@@ -258,50 +247,35 @@ def _history_warnings(record: TimeRecord) -> Iterator[MeasurementWarning]:
     x = record.values
     broken = ~measurable(x)
     if broken.any():
-        found = f"{int(broken.sum())} of {x.size} samples are NaN, infinite or no measurement's numbers"
-        yield warn("not_finite", found, "drop the record")
+        yield warn("not_finite", count=int(broken.sum()), size=x.size, what="samples")
         return
     if x.size < 16:
         return
     if record.quantity == "unknown":
-        found = "neither unit nor type says whether it is a force or a motion"
-        yield warn("quantity_missing", found, "name the unit of the channel")
+        yield warn("quantity_missing", which="a force or a motion")
     if np.ptp(x) == 0:
-        yield warn("dead_channel", f"all samples are {x[0]:g}")
+        yield warn("dead_channel", value=x[0])
         return
     yield from warnings_of_notes(record.notes)
     if is_cut_off(x):
-        yield warn("overload", f"the signal stays at its largest value, {np.abs(x).max():.4g}: it was cut off")
+        yield warn("overload", largest=np.abs(x).max())
     for hit in hits_of(record):
         if hit.reason.startswith("double hit"):
             number = hit.number if record.hit is None else record.hit
-            yield warn("double_hit", f"hit {number} is a {hit.reason}")
-    yield from _offset(x)
-    if record.quantity != "force":
-        yield from _truncation(x)
-
-
-def _truncation(x: Array) -> Iterator[MeasurementWarning]:
-    """A ring-down that the end of the record cuts off."""
+            yield warn("double_hit", number=number, reason=hit.reason)
+    # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
+    swing = np.abs(x - np.median(x))
+    largest, spread = float(swing.max()), float(np.median(swing))
+    level = min(np.median(x), np.mean(x), key=abs)
+    if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
+        yield warn("offset", level=level, percent=100 * abs(level) / largest)
+    # a ring-down that the end of the record cuts off falls from part to part, as no noise or steady response does
     x = x - np.median(x)
     top = int(np.argmax(np.abs(x)))
     after = np.array_split(x[top:], _PARTS)
-    if after[0].size < _FEWEST_SAMPLES:
+    if record.quantity == "force" or after[0].size < _FEWEST_SAMPLES:
         return
-    level = np.array([np.sqrt(np.mean(part**2)) for part in after])
-    # noise and a steady response do not fall from part to part, least of all at the end
-    rings = (np.diff(level) < 0).all() and level[-1] < 0.9 * level[-2]
+    parts = np.array([np.sqrt(np.mean(part**2)) for part in after])
     left = float(np.abs(after[-1]).max() / np.abs(x[top]))
-    if rings and left > _CUT_OFF:
-        found = f"the response still rings with {100 * left:.2g} % of its largest value at the end of the record"
-        yield warn("truncated_ring_down", found)
-
-
-def _offset(x: Array) -> Iterator[MeasurementWarning]:
-    swing = np.abs(x - np.median(x))
-    largest, spread = float(swing.max()), float(np.median(swing))
-    # a decaying or random signal has its median within its own spread; an offset shows in mean and median alike
-    level = min(np.median(x), np.mean(x), key=abs)
-    if largest > 0 and np.median(x) * np.mean(x) > 0 and abs(level) > _OFFSET * largest + spread:
-        share = f"{100 * abs(level) / largest:.2g} % of its largest swing"
-        yield warn("offset", f"the signal rests at {level:.4g}, {share}, and not at 0")
+    if (np.diff(parts) < 0).all() and parts[-1] < 0.9 * parts[-2] and left > _CUT_OFF:
+        yield warn("truncated_ring_down", percent=100 * left)

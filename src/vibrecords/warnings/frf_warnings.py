@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import scipy  # its parts load at first use
 
-from vibrecords.arrays import Array, ComplexArray, Flags, Quantity
+from vibrecords.arrays import Array, Flags, Quantity
 from vibrecords.driven import BAD, GOOD, RISE
 from vibrecords.formats.units import frf_unit, is_force_over_motion
 from vibrecords.provenance import MeasurementWarning
 from vibrecords.records import HIGHEST_HZ, FrfRecord, measurable
 from vibrecords.warnings.clear_frf import ClearFrf, Resonance, usable
-from vibrecords.warnings.remedies import REMEDIES, warn
+from vibrecords.warnings.kinds import warn
 
 #: Cosine of the phase of mobility at a resonance: beyond this it has a sign, within this it has none.
 _SIGNED, _UNSIGNED = 0.5, 0.35
@@ -29,9 +29,7 @@ _FEW_VALUES, _MANY_VALUES, _WINDOW, _UNLIKE = 16, 100, 30, 0.75
 def conjugated_warning(clear: ClearFrf) -> MeasurementWarning:
     """That an FRF is the complex conjugate of what it should be."""
     rising = tuple(peak for peak in clear.resonances if peak.turn > 0)
-    where = _peak_words(rising) if rising else "the resonances of the other FRFs"
-    reason = "where it falls with exp(+iωt): the FRF is the complex conjugate, as with exp(−iωt)"
-    return warn("conjugated", f"the phase rises at {where}, {reason}")
+    return warn("conjugated", peaks=_peak_words(rising) if rising else "the resonances of the other FRFs")
 
 
 def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | None) -> Iterator[MeasurementWarning]:
@@ -48,7 +46,6 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
     """
     yield from _line_warnings(record)
     yield from _value_warnings(record)
-    yield from _coherence_warnings(record)
     yield from _unit_warnings(record)
     if clear is None:
         return
@@ -64,67 +61,36 @@ def warnings_of_frf(record: FrfRecord, clear: ClearFrf | None, mass_kg: float | 
 
 
 def _line_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    """Lines without a measured number, at 0 Hz, out of order, uneven, or in rad/s."""
     f = record.frequency_hz
     if np.isnan(record.window_rate):
-        yield warn("exponential_window", "the file states an exponential window, which adds damping, and not how fast")
-    broken = ~(np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ) & measurable(record.values))
+        yield warn("exponential_window")
+    possible = np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)
+    broken, zero = ~(possible & measurable(record.values)), record.values == 0
     if broken.any():
-        yield warn("not_finite", f"{int(broken.sum())} of {f.size} lines are NaN, infinite or no measurement's numbers")
-    zero = record.values == 0
+        yield warn("not_finite", count=int(broken.sum()), size=f.size, what="lines")
     if zero.any():
-        count, at = f"{int(zero.sum())} of {f.size} lines", float(f[np.argmax(zero)])
-        yield warn("zero_lines", f"the FRF is exactly 0 on {count}, first at {at:g} Hz: nothing was measured")
-    f = f[np.isfinite(f) & (np.abs(f) <= HIGHEST_HZ)]
+        yield warn("zero_lines", count=int(zero.sum()), size=f.size, at=float(f[np.argmax(zero)]))
+    f = f[possible]
     if f.size and f[0] == 0:
-        yield warn("zero_hz", "the first line is at 0 Hz, where an accelerometer measures nothing")
+        yield warn("zero_hz")
         f = f[1:]
     if f.size < 3:
         return
-    step = np.diff(f)
+    step, mean = np.diff(f), float((f[-1] - f[0]) / (f.size - 1))
+    middle = float(np.median(step))
     if (step <= 0).any():
         line = int(np.argmax(step <= 0))
-        yield warn("lines_out_of_order", f"{f[line + 1]:g} Hz comes after {f[line]:g} Hz")
+        yield warn("lines_out_of_order", after=f[line + 1], before=f[line])
         return
-    middle = float(np.median(step))
     if np.abs(step - middle).max() > 1e-3 * middle + 2e-6 * f[-1]:
-        apart = f"lines are {step.min():.4g} to {step.max():.4g} Hz apart"
-        yield warn("uneven_lines", f"{apart}; those of a Fourier transform are even")
+        yield warn("uneven_lines", least=step.min(), most=step.max())
         return
-    yield from _step_warnings(f)
-
-
-def _value_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
-    """Values that no structure has: no imaginary part, one number throughout, or nothing but noise."""
-    values = record.values[measurable(record.values) & (record.values != 0)]
-    size = np.abs(values)
-    if values.size < _FEW_VALUES:
-        return
-    if size.max() - size.min() <= 1e-9 * size.max() and np.abs(values - values[0]).max() <= 1e-9 * size.max():
-        yield warn("constant", f"the FRF is {values[0]:.4g} on all {values.size} lines, which no structure is")
-    elif not values.imag.any():
-        yield warn("real_only", f"the FRF has no imaginary part on any of {values.size} lines: its phase is lost")
-    elif values.size >= _MANY_VALUES and (likeness := _likeness(values)) < _UNLIKE:
-        unlike = f"no {_WINDOW} lines of the FRF are like their neighbours (coherence {likeness:.2f} at most)"
-        yield warn("noise_only", f"{unlike}: it is noise")
-
-
-def _likeness(values: ComplexArray) -> float:
-    """Coherence of each value with the next over windows of lines, the largest: 1 of a structure, less of noise."""
-    turn = values[1:] * values[:-1].conj()
-    window = np.ones(_WINDOW)
-    of_pairs = np.abs(np.convolve(turn / np.abs(turn), window, "valid")) / _WINDOW
-    return float(of_pairs.max())
-
-
-def _step_warnings(f: Array) -> Iterator[MeasurementWarning]:
-    step = float((f[-1] - f[0]) / (f.size - 1))
-    rounding = float(np.abs(f - (f[0] + step * np.arange(f.size))).max() / f[-1])
-    tolerance = max(1e-9, 2 * rounding * f[-1] / (step * f.size))
-    if tolerance > 1e-6 or _is_round(step, tolerance):
-        return
-    if _is_round(step / (2 * np.pi), tolerance):
-        apart = f"lines are {step:.6g} Hz apart, 2π times the round number {step / (2 * np.pi):.6g}"
-        yield warn("rad_per_s", f"{apart}: the axis is probably in rad/s")
+    # the step of an analyser is a round number, and 2π times one where the axis is in rad/s
+    rounding = float(np.abs(f - (f[0] + mean * np.arange(f.size))).max() / f[-1])
+    tolerance, turns = max(1e-9, 2 * rounding * f[-1] / (mean * f.size)), mean / (2 * np.pi)
+    if tolerance <= 1e-6 and not _is_round(mean, tolerance) and _is_round(turns, tolerance):
+        yield warn("rad_per_s", found=f"lines are {mean:.6g} Hz apart, 2π times the round number {turns:.6g}")
 
 
 def _is_round(value: float, tolerance: float) -> bool:
@@ -135,51 +101,58 @@ def _is_round(value: float, tolerance: float) -> bool:
     return any(abs(value / unit - round(value / unit)) * unit < tolerance * value for unit in (decade, 2.0**-14))
 
 
-def _coherence_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+def _value_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
+    """Values that no structure has: one number throughout, no imaginary part, nothing but noise; and the coherence."""
+    values = record.values[measurable(record.values) & (record.values != 0)]
+    size = np.abs(values)
+    if values.size >= _FEW_VALUES:
+        if size.max() - size.min() <= 1e-9 * size.max() and np.abs(values - values[0]).max() <= 1e-9 * size.max():
+            yield warn("constant", value=values[0], size=values.size)
+        elif not values.imag.any():
+            yield warn("real_only", size=values.size)
+        elif values.size >= _MANY_VALUES:
+            # coherence of each value with the next over windows of lines: 1 of a structure, less of noise
+            turn = values[1:] * values[:-1].conj()
+            of_pairs = np.abs(np.convolve(turn / np.abs(turn), np.ones(_WINDOW), "valid")) / _WINDOW
+            if (likeness := float(of_pairs.max())) < _UNLIKE:
+                yield warn("noise_only", window=_WINDOW, likeness=likeness)
     coherence = record.coherence
     if coherence is None:
-        yield warn("coherence_missing", "there is no coherence, so that the file does not say how noisy the FRF is")
+        yield warn("coherence_missing")
         return
     finite = coherence[np.isfinite(coherence)]
     if finite.size and (finite >= 1 - 1e-9).all():
-        once = ", as it always is with one average" if record.averages == 1 else ""
-        yield warn("coherence_one", f"coherence is 1 on all lines{once}: it says nothing about the noise")
-    wrong = ""
+        yield warn("coherence_one", once=", as it always is with one average" if record.averages == 1 else "")
     if finite.size < coherence.size:
-        wrong = f"is NaN or infinite on {coherence.size - finite.size} of {coherence.size} lines"
+        missing = coherence.size - finite.size
+        yield warn("coherence_range", wrong=f"is NaN or infinite on {missing} of {coherence.size} lines")
     elif ((finite < -1e-6) | (finite > 1 + 1e-6)).any():
-        wrong = f"runs from {finite.min():.4g} to {finite.max():.4g}"
-    if wrong:
-        yield warn("coherence_range", f"coherence {wrong}, not 0 to 1")
+        yield warn("coherence_range", wrong=f"runs from {finite.min():.4g} to {finite.max():.4g}")
     if record.averages is None:
-        yield warn("averages_missing", "there is a coherence, but no number of averages: the variance needs both")
+        yield warn("averages_missing")
 
 
 def _unit_warnings(record: FrfRecord) -> Iterator[MeasurementWarning]:
     if record.quantity is None:
-        yield warn("quantity_missing", "neither unit nor type says whether it is receptance, mobility or accelerance")
+        yield warn("quantity_missing", which="receptance, mobility or accelerance")
     if is_force_over_motion(record.unit):
-        yield warn(
-            "unit_inverse", f"the unit {record.unit} is that of a force over a motion: its peaks are antiresonances"
-        )
+        yield warn("unit_inverse", unit=record.unit)
         return
     yield from warnings_of_notes(record.notes)
-    if not record.unit.strip():
-        untold = "a single FRF cannot tell m/s² from g or m from mm"
-        yield warn("unit_missing", f"the numbers have no unit and were taken as SI: {untold}")
-        return
     parsed = frf_unit(record.unit)
-    if parsed is not None and record.quantity is not None and parsed[1] != record.quantity:
-        yield warn("quantity_units", f"the file says {record.quantity}, its unit {record.unit} {parsed[1]}")
+    if not record.unit.strip():
+        yield warn("unit_missing")
+    elif parsed is not None and record.quantity is not None and parsed[1] != record.quantity:
+        yield warn("quantity_units", quantity=record.quantity, unit=record.unit, other=parsed[1])
 
 
 def warnings_of_notes(notes: tuple[str, ...]) -> Iterator[MeasurementWarning]:
     """What a reader noted already: units that it could not read, or of which the file says two things."""
     for note in notes:
         if "left as written" in note or "not understood" in note:
-            yield warn("unit_unknown", note)
+            yield warn("unit_unknown", note=note)
         if "says otherwise" in note:
-            yield warn("unit_system", note)
+            yield warn("unit_system", note=note)
 
 
 def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iterator[MeasurementWarning]:
@@ -189,21 +162,25 @@ def _drive_point_warnings(clear: ClearFrf, peaks: tuple[Resonance, ...]) -> Iter
         yield _phase_warning(peaks, quantity)
         return
     if cosines.size and (cosines < -_SIGNED).all():
-        yield _sign_warning(peaks, quantity)
+        other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
+        yield warn(
+            "sign_flip",
+            part="real" if quantity == "mobility" else "imaginary",
+            quantity=quantity,
+            sign="positive" if quantity == "receptance" else "negative",
+            peaks=_peak_words(peaks),
+            other=f", or the FRF is {other} and not {quantity}" if other else "",
+        )
         return
     wrong = mobility.real < -(4 * clear.noise + _PHASE_ERROR * np.abs(mobility))
     run = scipy.ndimage.minimum_filter1d(wrong.astype(int), 5).astype(bool)  # five in a row
     wrong_peaks = [p.frequency_hz for p in peaks if p.cosine < -_SIGNED]
     if wrong_peaks or (run.any() and wrong.mean() > 0.03):
-        at = wrong_peaks[0] if wrong_peaks else float(clear.frequency_hz[np.argmax(run)])
-        negative = f"the real part of the drive point's mobility is negative near {at:.4g} Hz"
-        yield warn("not_passive", f"{negative}: the structure would release more energy than it receives")
+        yield warn("not_passive", at=wrong_peaks[0] if wrong_peaks else float(clear.frequency_hz[np.argmax(run)]))
     for left, right in pairwise(peaks):
         # the phase turns by π at a resonance and back at an antiresonance: without one the next peak has the other sign
         if min(abs(left.cosine), abs(right.cosine)) > _SIGNED and left.cosine * right.cosine < 0:
-            between = f"between {left.frequency_hz:.4g} and {right.frequency_hz:.4g} Hz"
-            rule = "a drive point has one between each two resonances"
-            yield warn("antiresonance_missing", f"there is no antiresonance {between}; {rule}")
+            yield warn("antiresonance_missing", left=left.frequency_hz, right=right.frequency_hz)
             return
 
 
@@ -221,26 +198,13 @@ def _mass_line_warnings(clear: ClearFrf, mass_kg: float) -> Iterator[Measurement
         return
     heavy = 1 / (level * mass_kg)
     if heavy > _TOO_HEAVY:
-        moves = f"below its first resonance the drive point moves like {1 / level:.4g} kg"
-        heavier = f"{heavy:.3g} times the structure's {mass_kg:g} kg; a free structure cannot appear heavier than it is"
-        in_g = ": the response is probably in g" if abs(np.log(heavy / 9.80665)) < 1.5 else ""
-        yield warn("g_against_ms2" if in_g else "mass_line", f"{moves}, {heavier}{in_g}")
-
-
-def _sign_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
-    part = "real" if quantity == "mobility" else "imaginary"
-    sign = "positive" if quantity == "receptance" else "negative"
-    other = {"accelerance": "receptance", "receptance": "accelerance"}.get(quantity)
-    instead = f", or the FRF is {other} and not {quantity}" if other else ""
-    found = f"the {part} part of the {quantity} of the drive point is {sign} at {_peak_words(peaks)}"
-    wrong = f"which no structure can do: force or response has the wrong sign{instead}"
-    return warn("sign_flip", f"{found}, {wrong}", REMEDIES["sign_flip"] + ", or state the quantity" * bool(other))
+        warning = warn("mass_line", mass=1 / level, times=heavy, stated=mass_kg)
+        yield warn("g_against_ms2", found=warning.sentence) if abs(np.log(heavy / 9.80665)) < 1.5 else warning
 
 
 def _phase_warning(peaks: tuple[Resonance, ...], quantity: Quantity) -> MeasurementWarning:
-    likely = "receptance or accelerance" if quantity == "mobility" else "mobility"
-    part = "imaginary" if quantity == "mobility" else "real"
-    return warn("quantity_phase", f"the FRF is called {quantity}, but {part} at {_peak_words(peaks)}, as {likely} is")
+    part, likely = ("imaginary", "receptance or accelerance") if quantity == "mobility" else ("real", "mobility")
+    return warn("quantity_phase", quantity=quantity, part=part, peaks=_peak_words(peaks), likely=likely)
 
 
 def _peak_words(peaks: tuple[Resonance, ...]) -> str:
@@ -311,8 +275,7 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) 
         peak, low, high = dips[0]
         few = f", of which {peak.lines} lines are within half power" if peak.lines < 5 else ""
         more = f" and at {len(dips) - 1} more" if len(dips) > 1 else ""
-        dip = f"coherence is {low:.2f} at the resonance at {peak.frequency_hz:.4g} Hz{few}, {high:.3f} beside it{more}"
-        yield warn("leakage", f"{dip}: leakage of blocks that are too short, or the frequency depends on the level")
+        yield warn("leakage", low=low, at=peak.frequency_hz, few=few, high=high, more=more)
 
 
 def _end_of_excitation(clear: ClearFrf, record: FrfRecord) -> Iterator[MeasurementWarning]:
@@ -328,10 +291,9 @@ def _end_of_excitation(clear: ClearFrf, record: FrfRecord) -> Iterator[Measureme
     if not 3 <= first <= _STRETCHES - 2:
         return
     before = slice(0, max(first - 2, 1))
-    if np.median(good[before]) > GOOD and np.median(level[first:]) > RISE * np.median(level[before]):
-        start, rise = f[f.size - (_STRETCHES - first) * each], np.median(level[first:]) / np.median(level[before])
-        low = f"from {start:.4g} Hz to the last line at {f[-1]:.4g} Hz coherence is mostly below {BAD:g}"
-        yield warn("excitation_ends", f"{low}, and noise {rise:.2g} times that before: the force does not reach so far")
+    rise = np.median(level[first:]) / np.median(level[before])
+    if np.median(good[before]) > GOOD and rise > RISE:
+        yield warn("excitation_ends", start=f[f.size - (_STRETCHES - first) * each], end=f[-1], bad=BAD, rise=rise)
 
 
 def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[list[MeasurementWarning], Flags]:
@@ -360,6 +322,5 @@ def _mains(clear: ClearFrf, incoherence: Array | None, averages: int) -> tuple[l
         if humming.sum() >= max(_HUMMING, share * multiples.size, 3 * elsewhere.sum()):
             hum |= np.abs((f + mains / 2) % mains - mains / 2) <= 2.5 * step
             places = ", ".join(f"{at:g}" for at in multiples[humming][:4]) + " and more" * bool(humming.sum() > 4)
-            count = f"{int(humming.sum())} of {multiples.size} multiples"
-            warnings.append(warn("mains", f"lines stand out at {places} Hz, {count} of {mains:g} Hz: hum of the mains"))
+            warnings.append(warn("mains", places=places, count=int(humming.sum()), all=multiples.size, mains=mains))
     return warnings, hum
