@@ -143,14 +143,6 @@ def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywh
     assert "(0.900 to 1.50)" in found["k22"].sentence
 
 
-def test_a_combination_that_is_known_by_the_prior_only_is_not_named():
-    values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
-    wider = draws_of(((-1, 2, 0), 0.5), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
-    assert name_directions(values, prior_draws())[0].quantity == "k12²/k11"
-    found = name_directions(values, prior_draws(), None, (wider, prior_draws()))
-    assert "k12²/k11" not in {named.quantity for named in found}
-
-
 def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8, unit="N/m")

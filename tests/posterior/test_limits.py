@@ -21,9 +21,9 @@ from jointbayes.posterior.posterior import _profiles
 from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import factor as ratio_in_words
-from jointbayes.rounding import one_sided, quantity_text, with_interval
+from jointbayes.rounding import quantity_text, with_interval
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE, unsettled
-from tests.posterior.test_verdicts import widened_by, with_cached
+from tests.posterior.test_verdicts import bound_at_draws, with_cached
 
 SPRINGS = parametrisation_named("springs", ("x", "y"))
 Z95 = 1.959963984540054
@@ -402,46 +402,24 @@ def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale()
     assert not replace(known, likelihood95=(low - 0.09 * (high - low), high)).prior_volume
 
 
-def bounded(posterior: Posterior, side: str, at95: tuple[float, float], printed: tuple[float, float]) -> Posterior:
-    """A posterior whose k22 a bound of its prior holds: under wider priors there is mass beyond that bound."""
-    theta = posterior.theta[:4000].copy()
-    marginal = posterior.problem.prior.marginals[2]
-    theta[:400, 2] = marginal.high + 0.1 if side == "below" else marginal.low - 0.1
-    limited = with_limits(posterior, at95, printed)
-    limited.__dict__["widened"] = widened_by(posterior, theta).widened
-    return limited
-
-
 def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
-    for side, probability, pick in (("below", 0.05, min), ("above", 0.95, max)):
+    for side, probability, pick in (("upper", 0.05, min), ("lower", 0.95, max)):
         drawn = float(np.quantile(cheap_posterior.values("k22"), probability))
         for factor in (0.5, 2.0):
-            found = bounded(cheap_posterior, side, (drawn * factor,) * 2, (drawn * factor,) * 2)
-            known = found.verdict("k22")
-            assert known.verdict == f"bounded {side}"
-            assert found.likelihood_region.falls == [FALL_ONE_SIDED]
-            assert known.limit95 == drawn
-            ends = [known.printed95[side == "above"], known.printed95[side == "below"]]
-            assert ends[0] == pick(drawn, drawn * factor)
-            assert math.isnan(ends[1])
-            beyond, moved = "above" if side == "below" else "below", ends[0] != drawn
-            line = " ".join(lines_of("k22", found.verdict("k22")))
-            assert line.startswith(f"k22: {one_sided(beyond, ends[0], 'N·m/rad')}: bounded {side}")
-            by_draws = f"by likelihood ratio; by the draws {one_sided(beyond, drawn, 'N·m/rad')}"
-            assert (by_draws in line) == moved
-            assert known.prior_volume.count("end") == 1
+            closed = {"low" if side == "upper" else "high": drawn * factor}
+            known = bound_at_draws(cheap_posterior, side, **closed).verdict("k22")
+            assert known.verdict == f"bounded {'below' if side == 'upper' else 'above'}"
+            assert known.printed_limit == pick(drawn, drawn * factor)
 
 
 def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
     prior = cheap_posterior.prior_values("k22")
     for share, verdict in ((0.5, "not identified"), (1.5, "bounded below")):
         limit = float(np.quantile(prior, share * LEAST_EXCLUDED))
-        known = bounded(cheap_posterior, "below", (limit, math.nan), (limit, 1e8)).verdict("k22")
+        known = bound_at_draws(cheap_posterior, "upper", low=limit).verdict("k22")
         assert known.verdict == verdict
         assert bool(known.limit) == (verdict == "bounded below")
         assert ("by likelihood the data exclude less than 10 % of the prior" in known.verdict_reason) == (share < 1)
-        assert known.printed95[0] == limit
-        assert (known.printed95[1] == 1e8) == (share < 1)
 
 
 def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):

@@ -11,8 +11,6 @@ from jointbayes.posterior.any_posterior import LEAST_SHARE, Solutions, _are_apar
 from jointbayes.posterior.knowledge import effect_of_uncertain_inputs, known_by_bounds
 from jointbayes.posterior.limits import FALL_PRINTED, FALL_TWO_SIDED
 from jointbayes.posterior.prediction import further_measurement
-from jointbayes.posterior.widened import widened_prior
-from jointbayes.posterior.wider_draws import _drawn_anew
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
 from tests import models
@@ -123,16 +121,6 @@ def test_solutions_of_a_model_that_fails_do_not_explain_the_data(storeys):
     misfit.__dict__["check"] = dataclasses.replace(storeys.check, chi2_per_line=40.0)
     assert not misfit.check.explains
     assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.")
-
-
-@pytest.mark.science
-@pytest.mark.long
-def test_wider_priors_are_drawn_about_every_solution(portal):
-    wide = widened_prior(portal.problem.prior)
-    theta, effective = _drawn_anew(portal, np.random.default_rng(1), wide)
-    assert effective > 1000
-    shares = np.bincount(portal.solutions.nearest(theta), minlength=2) / len(theta)
-    assert shares == pytest.approx([0.5, 0.5], abs=0.05)
 
 
 def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys):

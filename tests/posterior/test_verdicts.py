@@ -2,29 +2,21 @@
 
 import dataclasses
 import math
-import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior import summarise
+from jointbayes.posterior import summarise, verdicts
 from jointbayes.posterior.identifiability import (
     IDENTIFIED_RATIO,
     WEAK_RATIO,
     ExactInputs,
     Identifiability,
 )
-from jointbayes.posterior.verdicts import BEYOND, LEAST_EXCLUDED, lines_of
-from jointbayes.posterior.widened import (
-    DECADE,
-    REACH,
-    WidenedPosterior,
-    bounds_within_reach,
-    moved_beyond_bounds,
-    widened_prior,
-)
+from jointbayes.posterior.verdicts import DECADE, LEAST_EXCLUDED, REACH, bounds_within_reach, lines_of
 from jointbayes.report.markup import badge
 from jointbayes.rounding import factor, number, one_sided, quantity_text, rounded, rounded_interval
 from tests.conftest import TO_CONVERGE, edited, first_in_ci, judged_as, of_case, shipped_text, unsettled
@@ -37,12 +29,6 @@ def with_cached(posterior: jb.Posterior, **cached: object) -> jb.Posterior:
     copy = dataclasses.replace(posterior)
     copy.__dict__.update({"likelihood_region": posterior.likelihood_region} | cached)
     return copy
-
-
-def widened_by(posterior: jb.Posterior, theta: np.ndarray, *, reliable: bool = True) -> jb.Posterior:
-    wide = widened_prior(posterior.problem.prior)
-    prior_theta = wide.sample(np.random.default_rng(1), 4000)
-    return with_cached(posterior, widened=WidenedPosterior(wide, theta.copy(), prior_theta, 4000.0, reliable))
 
 
 # ---- digits
@@ -139,18 +125,7 @@ def test_a_failed_run_has_no_verdict_in_the_summary(cheap_posterior):
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 
 
-# ---- priors a decade wider
-
-
-def test_every_marginal_grows_by_a_decade_on_each_side():
-    prior = jb.JointPrior(jb.LogStiffness(), (jb.Uniform(0.0, 5.0), jb.Normal(17.0, 0.5), jb.Uniform(-3.0, 4.0)))
-    first, second, third = widened_prior(prior).marginals
-    assert (first.low, first.high) == (-DECADE, 5.0 + DECADE)
-    assert second.mean == 17.0
-    assert second.ppf(0.975) - jb.Normal(17.0, 0.5).ppf(0.975) == pytest.approx(math.log(10))
-    assert (third.low, third.high) == (-3.0 - math.log(10), 4.0 + math.log(10))
-    signed = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(0.0, 5.0), jb.Uniform(0.0, 5.0), jb.Uniform(-0.3, 0.3)))
-    assert widened_prior(signed).marginals[2] == jb.Uniform(-1.0, 1.0)
+# ---- bounds of the prior
 
 
 @pytest.mark.parametrize("column", [0, 1])
@@ -176,94 +151,59 @@ def test_the_limits_of_rho_are_physics_and_no_bound_of_a_prior():
     assert bounds_within_reach(narrow, np.where(theta == 0.999, 0.499, theta))
 
 
-@pytest.mark.parametrize(("column", "end"), [(0, 0), (0, 1), (1, 1)])
-def test_draws_near_a_bound_within_reach_go_on_beyond_it_as_far_as_wider_priors_do(column, end):
-    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-1.0, 1.0)))
-    theta = np.random.default_rng(1).normal(scale=0.2, size=(5000, 3))
-    assert moved_beyond_bounds(prior, theta) is not theta
-    assert np.array_equal(moved_beyond_bounds(prior, theta), theta)
-    theta[:, column] = np.linspace(-6.0, 0.0, 5000) if end == 0 else np.linspace(0.0, 6.0, 5000)
-    moved = moved_beyond_bounds(prior, theta)
-    assert np.array_equal(moved[:5000], theta)
-    beyond = moved[5000:]
-    low, high = widened_prior(prior).marginals[column].support
-    assert len(beyond) == pytest.approx(5000 * DECADE / 6, abs=2)
-    assert (beyond[:, column].min(), beyond[:, column].max()) == pytest.approx(
-        (low, low + DECADE) if end == 0 else (high - DECADE, high), abs=0.01
+def bound_at_draws(posterior, *sides, low=math.nan, high=math.nan):
+    """A posterior whose k22 has bounds at its outermost draws, and these likelihood limits, NaN where it is open."""
+    prior, draws = posterior.problem.prior, posterior.theta[:, 2]
+    ends = {"lower": float(draws.min()), "upper": float(draws.max())}
+    held = jb.Uniform(*(ends[s] if s in sides else e for s, e in zip(ends, prior.marginals[2].support, strict=True)))
+    problem = dataclasses.replace(
+        posterior.problem, prior=dataclasses.replace(prior, marginals=(*prior.marginals[:2], held))
     )
-    assert np.isin(np.delete(beyond, column, axis=1), np.delete(theta, column, axis=1)).all()
+    printed = tuple(
+        math.exp(end) if math.isnan(limit) else limit for limit, end in zip((low, high), held.support, strict=True)
+    )
+    known = posterior.likelihood_region
+
+    def limits(index, *falls):
+        return ((low, high), printed) if index == 2 else known.limits(index, *falls)
+
+    region = SimpleNamespace(limits=limits)
+    return with_cached(dataclasses.replace(posterior, problem=problem), likelihood_region=region)
 
 
-def test_the_limits_of_rho_are_not_moved_beyond():
-    prior = jb.JointPrior(jb.SignedCoupling(), (jb.Uniform(-6.0, 6.0), jb.Uniform(-6.0, 6.0), jb.Uniform(-0.5, 1.0)))
-    theta = np.column_stack([np.zeros((500, 2)), np.full(500, -0.499)])
-    assert moved_beyond_bounds(prior, theta)[500:, 2] == pytest.approx(np.full(500, -0.999))
-    assert len(moved_beyond_bounds(prior, -2 * theta)) == 500
+@pytest.mark.parametrize(("side", "verdict"), [("upper", "bounded below"), ("lower", "bounded above")])
+def test_an_end_that_the_likelihood_leaves_open_at_a_bound_makes_a_one_sided_limit(cheap_posterior, side, verdict):
+    closed = {"low": 1.4e6} if side == "upper" else {"high": 1.7e6}
+    known = bound_at_draws(cheap_posterior, side, **closed).verdict("k22")
+    assert known.verdict == verdict
+    assert known.limit95 == np.quantile(cheap_posterior.values("k22"), 0.05 if side == "upper" else 0.95)
+    assert known.verdict_reason.startswith(f"the prior's {side} bound ")
+    assert known.verdict_reason.endswith(" N·m/rad limits it")
+    line = " ".join(lines_of("k22", known))
+    limit, drawn = (
+        one_sided("above" if side == "upper" else "below", end, "N·m/rad") for end in (*closed.values(), known.limit95)
+    )
+    assert known.limit == limit
+    assert f"by likelihood ratio; by the draws {drawn}" in line
 
 
-def test_a_posterior_far_from_all_bounds_is_not_drawn_again(cheap_posterior):
-    assert cheap_posterior.widened is None
+def test_a_bound_that_draws_reach_and_the_likelihood_does_not_need_changes_nothing(cheap_posterior):
+    known = bound_at_draws(cheap_posterior, "upper", low=1.4e6, high=1.7e6).verdict("k22")
+    assert known.verdict == cheap_posterior.verdict("k22").verdict == "identified"
+    assert not known.limit
 
 
-def test_mass_beyond_a_bound_makes_a_one_sided_limit(cheap_posterior):
-    high = cheap_posterior.problem.prior.marginals[2].high
-    theta = cheap_posterior.theta[:4000].copy()
-    for share, verdict in ((BEYOND - 0.01, "identified"), (BEYOND + 0.01, "bounded below")):
-        theta[:, 2] = cheap_posterior.theta[:4000, 2]
-        theta[: round(share * 4000), 2] = high + 0.1
-        known = widened_by(cheap_posterior, theta).verdict("k22")
-        assert known.verdict == verdict
-        assert math.isfinite(known.limit95) == (verdict == "bounded below")
-    values = cheap_posterior.values("k22")
-    assert known.limit95 == np.quantile(values, 0.05)
-    assert known.verdict_reason.startswith("the prior's upper bound 1e8 N·m/rad limits it")
-    line = " ".join(lines_of("k22", widened_by(cheap_posterior, theta).verdict("k22")))
-    limit, drawn = (one_sided("above", end, "N·m/rad") for end in (known.printed95[0], known.limit95))
-    assert known.words.startswith("bounded below if ")
-    words = f"k22: {limit}: {known.words}"
-    assert re.match(rf"{re.escape(words)}\W+by likelihood ratio; by the draws {re.escape(drawn)}\W", line)
-    assert "the prior's upper bound 1e8" in line
-
-
-def test_mass_beyond_the_lower_bound_bounds_above_and_beyond_both_identifies_nothing(cheap_posterior):
-    theta = cheap_posterior.theta[:4000].copy()
-    theta[:400, 2] = cheap_posterior.problem.prior.marginals[2].low - 0.1
-    known = widened_by(cheap_posterior, theta).verdict("k22")
-    assert known.verdict == "bounded above"
-    assert known.limit95 == np.quantile(cheap_posterior.values("k22"), 0.95)
-    theta[400:800, 2] = cheap_posterior.problem.prior.marginals[2].high + 0.1
-    known = widened_by(cheap_posterior, theta).verdict("k22")
+def test_ends_that_are_open_on_both_sides_identify_nothing(cheap_posterior):
+    known = bound_at_draws(cheap_posterior, "lower", "upper").verdict("k22")
     assert known.verdict == "not identified"
     assert "limit it on both sides" in known.verdict_reason
 
 
-def test_a_verdict_that_wider_priors_change_becomes_the_less_certain_one_and_says_so(cheap_posterior):
-    theta = cheap_posterior.theta[:4000].copy()
-    middle = np.median(theta[:, 2])
-    theta[:, 2] = middle + 20 * (theta[:, 2] - middle)
-    known = widened_by(cheap_posterior, theta).verdict("k22")
-    assert known.verdict != "identified"
-    assert known.verdict_reason.startswith("rests on the prior: identified with the priors as stated, ")
-    theta = cheap_posterior.theta[:4000].copy()
-    middle = np.median(theta[:, 0])
-    theta[:, 0] = middle + 0.05 * (theta[:, 0] - middle)
-    known = widened_by(cheap_posterior, theta).verdict("k11")
-    assert known.verdict == "not identified"
-    assert known.verdict_reason.startswith(
-        "rests on the prior: not identified with the priors as stated, identified wi"
-    )
-
-
-@pytest.mark.parametrize(
-    ("moved", "verdict"), [(1.1, "identified"), (2.0, "weakly identified"), (4.0, "not identified")]
-)
-def test_a_median_that_wider_priors_move_is_judged_by_the_ends_of_both(cheap_posterior, moved, verdict):
-    """k22 is known to a few per cent, so that the ends of both are as far apart as the draws were moved."""
-    theta = cheap_posterior.theta[:4000].copy()
-    theta[:, 2] += math.log(moved)
-    known = widened_by(cheap_posterior, theta).verdict("k22")
-    assert known.verdict == verdict
-    assert known.verdict_reason.startswith("rests on the prior: its median goes from ")
+def test_of_many_unknowns_a_bound_that_the_draws_reach_counts_as_open(cheap_posterior, monkeypatch):
+    monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
+    posterior = with_cached(bound_at_draws(cheap_posterior, "upper"), likelihood_region=None)
+    assert posterior.verdict("k22").verdict == "bounded below"
+    assert posterior.verdict("k11").verdict == "not identified"
 
 
 _BEYOND = [
@@ -292,7 +232,6 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(name, edits):
 def test_the_page_on_verdicts_has_the_constants_of_the_rule():
     page = (DOCS / "identifiability.md").read_text(encoding="utf-8")
     for words in (
-        f"more than {100 * BEYOND:g} %",
         f"{100 * REACH:g} % of the mass",
         f"{100 * LEAST_EXCLUDED:g} % of the",
     ):

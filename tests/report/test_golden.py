@@ -23,7 +23,7 @@ from jointbayes.report.sections.lead import lead
 from tests.case.test_several_tests import BASE, TWO
 from tests.conftest import TABLE_3, cheap_text, of_case, plain_reports, unsettled
 from tests.posterior.test_decision import as_measured
-from tests.posterior.test_verdicts import widened_by, with_cached
+from tests.posterior.test_verdicts import bound_at_draws, with_cached
 from tests.report import conftest as kinds
 from tests.report import test_several_tests as several
 from tests.same.compare import masked
@@ -44,31 +44,6 @@ def moved(posterior, gain, *sds):
     return replace(posterior, mode_theta=posterior.estimate.theta + sd * np.array(sds), mode_log_density=at)
 
 
-def wider(posterior, change, **more):
-    """The posterior whose draws with wider priors are its own, changed."""
-    theta = np.tile(posterior.theta, (40, 1))
-    change(theta, posterior.problem.prior.marginals[2])
-    return widened_by(posterior, theta, **more)
-
-
-def beyond(*ends):
-    """A tenth of the draws of k22 beyond each of these ends of its prior."""
-
-    def change(theta, prior):
-        for i, end in enumerate(ends):
-            theta[400 * i : 400 * (i + 1), 2] = prior.high + 0.1 if end == "upper" else prior.low - 0.1
-
-    return change
-
-
-def spread(column, times):
-    def change(theta, _):
-        middle = np.median(theta[:, column])
-        theta[:, column] = middle + times * (theta[:, column] - middle)
-
-    return change
-
-
 def unfit(posterior, chi2=9.0):
     """The very posterior with another misfit per line."""
     check = replace(posterior.checks[0], chi2_per_line=chi2)
@@ -82,7 +57,7 @@ def excluding(posterior, share):
     drawn = tree["prior"].to_dataset()["k22"]
     below = np.arange(drawn.size) < share * drawn.size
     tree["prior/k22"] = drawn.copy(data=np.where(below, limit / 2, limit * 20.0)[None])
-    return wider(replace(posterior, tree=tree), beyond("upper"))
+    return bound_at_draws(replace(posterior, tree=tree), "upper", low=limit)
 
 
 def failed_search(posterior):
@@ -104,19 +79,15 @@ STATES = {
     "model_fits_badly": lambda p: unfit(with_cached(p), 4.0),
     "noise_stated_too_large": lambda p: unfit(with_cached(p), 0.3),
     "model_fits": lambda p: unfit(with_cached(p), 1.0),
-    "both_bounds_and_does_not_fit": lambda p: unfit(wider(p, beyond("lower", "upper"))),
-    "upper_bound_and_does_not_fit": lambda p: unfit(wider(p, beyond("upper"))),
+    "both_bounds_and_does_not_fit": lambda p: unfit(bound_at_draws(p, "lower", "upper")),
+    "upper_bound_and_does_not_fit": lambda p: unfit(bound_at_draws(p, "upper", low=1.4e6)),
     "mode_apart_and_does_not_fit": lambda p: unfit(moved(p, -3.0, 0.0, 2.5, 0.0)),
     "stopped_and_does_not_fit": lambda p: unfit(unsettled(p)),
-    "upper_bound": lambda p: wider(p, beyond("upper")),
-    "lower_bound": lambda p: wider(p, beyond("lower")),
-    "both_bounds": lambda p: wider(p, beyond("lower", "upper")),
+    "upper_bound": lambda p: bound_at_draws(p, "upper", low=1.4e6),
+    "lower_bound": lambda p: bound_at_draws(p, "lower", high=1.7e6),
+    "both_bounds": lambda p: bound_at_draws(p, "lower", "upper"),
     "limit_of_the_prior": lambda p: excluding(p, 0.09),
     "limit_of_the_data": lambda p: excluding(p, 0.11),
-    "rests_on_a_narrow_prior": lambda p: wider(p, spread(2, 60.0)),
-    "wider_priors_move_it": lambda p: wider(p, lambda theta, _: theta.__isub__(np.array([0.0, 0.0, 5.0]))),
-    "wider_priors_unreliable": lambda p: wider(p, lambda *_: None, reliable=False),
-    "wider_priors_change_nothing": lambda p: wider(p, lambda *_: None),
     "search_missed_the_data": failed_search,
     "with_what_was_tested": lambda p: of_case(p, about=ABOUT),
 }

@@ -75,7 +75,7 @@ SILENT = {
     "measured_frequencies_hz", "mesh", "mode", "mode_agrees", "mode_distance", "mode_log_density", "mode_theta",
     "model_error", "noise_of_bodies", "predict", "predict_frf", "predict_left_out", "predict_natural_frequencies",
     "premises_sentences", "prior_stiffness", "prior_values", "problem", "reason", "record", "region_level", "rows",
-    "solutions", "stiffness_names", "theta", "thinned", "tree", "unit", "unseen_inputs", "widened",
+    "solutions", "stiffness_names", "theta", "thinned", "tree", "unit", "unseen_inputs",
 }  # fmt: skip
 
 

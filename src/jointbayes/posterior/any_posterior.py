@@ -21,7 +21,6 @@ from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, further_measurement
 from jointbayes.posterior.run_record import RunRecord
-from jointbayes.posterior.widened import WidenedPosterior
 from jointbayes.rounding import join_unit, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
 from vibrecords.arrays import Array
@@ -263,10 +262,6 @@ class AnyPosterior(Protocol):
     @property
     def solutions(self) -> Solutions:
         """What each of several modes says; of one mode itself."""
-
-    @property
-    def widened(self) -> WidenedPosterior | None:
-        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
 
     @property
     def likelihood_region(self) -> LikelihoodRegion:

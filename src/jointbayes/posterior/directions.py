@@ -106,7 +106,6 @@ def name_directions(
     stiffness: ArrayLike,
     prior: ArrayLike,
     judged: Mapping[str, Identifiability] | None = None,
-    wider: tuple[ArrayLike, ArrayLike] | None = None,
     parametrisation: Parametrisation | None = None,
 ) -> tuple[NamedDirection, ...]:
     """Name the combinations of the stiffnesses that draws determine independently, best known first.
@@ -124,9 +123,6 @@ def name_directions(
     judged
         What is already said of single stiffnesses, by name, so that it is said here in the same words; those that are
         not among them are assessed here.
-    wider
-        Posterior and prior draws under wider priors, where these change the posterior: a combination is no better
-        known than it would be with them.
     parametrisation
         Says what the stiffnesses are; by default k11, k12 and k22 of a coupled pair.
 
@@ -136,8 +132,7 @@ def name_directions(
         As many as the joint has coordinates.
     """
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
-    after = None if wider is None else (np.asarray(wider[0], dtype=float), np.asarray(wider[1], dtype=float))
-    search = _Search(draws, before, dict(judged or {}), after, parametrisation or parametrisation_named("log"))
+    search = _Search(draws, before, dict(judged or {}), parametrisation or parametrisation_named("log"))
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(single.verdict == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
@@ -167,13 +162,10 @@ class _Search:
         stiffness: Array,
         prior: Array,
         judged: dict[str, Identifiability],
-        wider: tuple[Array, Array] | None,
         parametrisation: Parametrisation,
     ) -> None:
-        self._stiffness, self._prior, self._known, self._wider = stiffness, prior, judged, wider
-        self._parametrisation = parametrisation_of_draws(
-            parametrisation, stiffness if wider is None else np.vstack([stiffness, wider[0]])
-        )
+        self._stiffness, self._prior, self._known = stiffness, prior, judged
+        self._parametrisation = parametrisation_of_draws(parametrisation, stiffness)
         self.names = self._parametrisation.names
         self._theta = self._parametrisation.coordinates(stiffness)
         scale = np.maximum(self._theta.std(axis=0), np.finfo(float).tiny)
@@ -202,22 +194,10 @@ class _Search:
     def judged(self, quantity: Combination) -> Identifiability:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            assessment = self._assessed(quantity)
+            assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
             withheld = [other.verdict for other in self._known.values() if str(other.verdict) == "no verdict"]
             self._known[quantity.name] = replace(assessment, verdict=withheld[0]) if withheld else assessment
         return self._known[quantity.name]
-
-    def _assessed(self, quantity: Combination) -> Identifiability:
-        """By the draws, and no better than by those under wider priors."""
-        assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
-        if self._wider is None:
-            return assessment
-        drawn, before = map(quantity.of, self._wider)
-        wider = assess(drawn, before).verdict
-        if CERTAINTY.get(wider, 0) >= CERTAINTY.get(assessment.verdict, 0):
-            return assessment
-        reason = f"rests on the prior: {wider} with wider priors of the joint"
-        return replace(assessment, verdict=wider, verdict_reason=reason)
 
     def _best(self, axes: Array) -> tuple[Combination, Identifiability]:
         """The best known quantity that says something else than those named."""

@@ -51,10 +51,8 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.verdicts import by_likelihood, concluded, found_with_wider_priors, judge_stiffness
+from jointbayes.posterior.verdicts import bounded_by_data, by_likelihood, concluded, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
-from jointbayes.posterior.widened import WidenedPosterior, replace_prior
-from jointbayes.posterior.wider_draws import ENOUGH_FOR_CLASS, widen
 from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import (
     ENOUGH,
@@ -236,17 +234,10 @@ def _row(
     if sample is None:
         return UncertainInputsRow(uncertain, "none", {})
     theta, effective = sample
-    (random,) = rng.spawn(1)  # the rows that follow do not depend on whether a bound is within reach
-
-    def drawn_anew(wide: JointPrior) -> tuple[Array, float] | None:
-        part_of_wide = _Part(replace_prior(problem, wide), uncertain)
-        return part_of_wide.sample(part.free(theta), modes, random, enough=ENOUGH_FOR_CLASS)
-
-    wider = widen(problem.prior, theta, lambda: effective, random, drawn_anew)
     values = problem.prior.values(theta)
     region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
     known = {
-        quantity.name: _judged(posterior, quantity, column, effective, wider, region)
+        quantity.name: _judged(posterior, quantity, column, effective, theta, region)
         for quantity, column in zip(problem.quantities, values.T, strict=True)
     }
     return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
@@ -257,16 +248,16 @@ def _judged(
     quantity: Quantity,
     values: Array,
     effective: float,
-    wider: WidenedPosterior | None,
+    theta: Array,
     region: Callable[[], LikelihoodRegion],
 ) -> Identifiability:
-    """One stiffness by its draws, those under wider priors, and of one that is bounded by the likelihood."""
+    """One stiffness by its draws, and of one that is bounded by the likelihood."""
     name, error = quantity.name, partial(quantile_spread, values, effective=effective)
     finding = drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
     if name in posterior.solutions.split:
         finding = drawn.judge("not identified", "several solutions")
-    elif wider is not None:
-        finding = found_with_wider_priors(posterior, wider, name, drawn, values, error)
+    else:
+        finding = bounded_by_data(posterior, region, name, drawn, theta, values, error)
     if math.isfinite(finding.limit95):  # which no volume of a prior moves
         finding = by_likelihood(posterior, region, name, finding)
     return concluded(finding, explained=posterior.check.explains)
@@ -288,10 +279,6 @@ class _Part:
         points = np.zeros((len(theta), len(self._problem.names)))
         points[:, self._free] = theta
         return points
-
-    def free(self, theta: Array) -> Array:
-        """The free ones, shape (n, f), of all coordinates, shape (n, d)."""
-        return theta[:, self._free]
 
     def log_density(self, theta: Array) -> Array:
         """Log density, shape (n,), of the free coordinates, shape (n, f)."""

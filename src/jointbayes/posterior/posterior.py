@@ -62,8 +62,6 @@ from jointbayes.posterior.summary import (
 )
 from jointbayes.posterior.verdicts import MOST_UNKNOWNS, judge_stiffness, line_of
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
-from jointbayes.posterior.widened import WidenedPosterior
-from jointbayes.posterior.wider_draws import widen_posterior
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines
 from jointbayes.structure import StructureRecipe
@@ -484,11 +482,6 @@ class Posterior:
         return Solutions(self)
 
     @cached_property
-    def widened(self) -> WidenedPosterior | None:
-        """The posterior with every prior of the joint a decade wider; None where that changes nothing."""
-        return widen_posterior(self)
-
-    @cached_property
     def likelihood_region(self) -> LikelihoodRegion:
         """Joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
         modes = [self.estimate.theta, self.mode_theta, *(mode.theta for mode in self.estimate.modes)]
@@ -710,10 +703,7 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         steps = next_steps(posterior, freed if workshop else None, workshop or judged)
     if directions is None:
         draws, parametrisation = (posterior.stiffness, posterior.prior_stiffness), posterior.problem.parametrisation
-        # where no draws were found that may be trusted the prior stands for the posterior: nothing is then known
-        wide = posterior.widened
-        wider = None if wide is None else (wide.prior.values(wide.theta), wide.prior.values(wide.prior_theta))
-        directions = name_directions(*draws, judged, wider, parametrisation)
+        directions = name_directions(*draws, judged, parametrisation)
     return Knowledge(
         check=posterior.check,
         directions=directions,

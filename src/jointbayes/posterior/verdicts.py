@@ -1,10 +1,10 @@
 """The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
 
-In order: the draws are judged by `jointbayes.posterior.identifiability`; a stiffness to which several modes give
-different values is not identified, see `jointbayes.posterior.any_posterior`; the same posterior with every prior of the
-joint a decade wider says whether a bound of the prior holds the stiffness, or the verdict rests on the prior
-otherwise; a run that failed has none. Nor has one whose model does not explain measured data, which no structure's
-quite does: see `jointbayes.posterior.decision`. Of computed data it makes the verdict conditional.
+In order: the draws are judged by `jointbayes.posterior.identifiability`. A stiffness to which several modes give
+different values is not identified. Where the likelihood stays open as far as a bound of the prior, that bound and not
+the data ends the interval, and the stiffness is bounded on the other side. A run that failed has no verdict. Nor has
+one whose model does not explain measured data, which no structure's quite does, see `jointbayes.posterior.decision`;
+of computed data it makes the verdict conditional.
 
 What is printed beside every verdict but "identified" is, at each end, the more cautious of what the draws say and of
 the likelihood-ratio limit, which no volume of the prior moves. The level of the latter is 97.5 %: the data that set a
@@ -16,29 +16,27 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
+from jointbayes.inference import JointPrior, OfStiffness
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
     IF_MODEL_RIGHT,
     Error,
     Identifiability,
-    Verdict,
     assess,
     ratio_of,
     verdict_by_rule,
 )
 from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
 from jointbayes.posterior.phrases import NOT_SETTLED
-from jointbayes.posterior.widened import Side, WidenedPosterior, bounds_within_reach
-from jointbayes.rounding import join_unit, number, percent, quantity_text, rounded
-from jointbayes.sampling import INTERVAL, quantile_error, quantile_spread
+from jointbayes.rounding import join_unit, number, percent, quantity_text
+from jointbayes.sampling import quantile_error
 from vibrecords.arrays import Array
 
-#: Posterior mass beyond a stated bound, once priors are a decade wider, from which on the bound holds the stiffness.
-BEYOND = 0.025
 #: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
 LEAST_EXCLUDED = 0.1
 _TOO_LITTLE = f"less than {percent(LEAST_EXCLUDED)} of the prior"
@@ -47,9 +45,13 @@ MOST_CHARACTERS = 200
 #: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
 MOST_UNKNOWNS = 10
 
+Side = Literal["lower", "upper"]
 _LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
-_WIDER = "priors a decade wider on each side"
+#: Mass that a further decade would hold if the density stayed as it is at a bound: less cannot matter.
+REACH = 0.01
+DECADE = math.log(10)
+_EDGE = 0.1  # of a decade, or of the prior's range: the part of it that counts as its edge
 
 
 def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
@@ -93,9 +95,16 @@ def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
     """
     error = partial(quantile_error, posterior.by_ensemble(name))
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
-    finding = _found(posterior, name, drawn, error)
-    if finding.verdict not in ("no verdict", "identified") and name in posterior.stiffness_names:
-        finding = by_likelihood(posterior, lambda: posterior.likelihood_region, name, finding)
+    finding = _found(posterior, name, drawn)
+    if finding.verdict != "no verdict" and name in posterior.stiffness_names:
+
+        def region() -> LikelihoodRegion:
+            return posterior.likelihood_region
+
+        if not posterior.solutions.reason(name):
+            finding = bounded_by_data(posterior, region, name, finding, posterior.theta, posterior.values(name), error)
+        if finding.verdict != "identified":
+            finding = by_likelihood(posterior, region, name, finding)
     narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
     if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
         finding = replace(finding, verdict_reason=f"{finding.verdict_reason}; {narrow}")
@@ -109,7 +118,7 @@ def concluded(finding: Identifiability, *, explained: bool) -> Identifiability:
     return replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}", if_model_right=True)
 
 
-def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Error) -> Identifiability:
+def _found(posterior: AnyPosterior, name: str, drawn: Identifiability) -> Identifiability:
     """What the draws say, after a look at all that may stand against it."""
     reasons, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
     if mesh is not None and mesh.moves(name):
@@ -120,8 +129,6 @@ def _found(posterior: AnyPosterior, name: str, drawn: Identifiability, error: Er
         return drawn.judge("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
     if solutions := posterior.solutions.reason(name):
         return drawn.judge("not identified", solutions)
-    if name in posterior.stiffness_names and posterior.widened is not None:
-        return found_with_wider_priors(posterior, posterior.widened, name, drawn, posterior.values(name), error)
     return drawn
 
 
@@ -158,66 +165,41 @@ def _holds(interval: tuple[float, float], value: float) -> bool:
     return interval[0] <= value <= interval[1]
 
 
-def found_with_wider_priors(
-    posterior: AnyPosterior, wide: WidenedPosterior, name: str, drawn: Identifiability, values: Array, error: Error
-) -> Identifiability:
-    """The verdict after a look at what wider priors make of it: never more certain, and every change has its reason.
+def bounded_by_data(
+    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, finding: Identifiability, theta: Array,
+    values: Array, error: Error,
+) -> Identifiability:  # fmt: skip
+    """The finding, bounded on one side where the data leave the other side open as far as the prior's bound.
 
-    Parameters
-    ----------
-    posterior
-        The run, whose priors of the joint are those that were widened.
-    wide
-        Draws under wider priors.
-    name
-        Of the stiffness.
-    drawn
-        What its draws say.
-    values
-        These draws, any shape.
-    error
-        Monte Carlo standard error of their quantile at a probability.
+    Where draws of θ, shape (n, d), reach a bound, or the draws do not identify the stiffness, the likelihood decides:
+    an end that it leaves open within the prior is open. Of more unknowns than `MOST_UNKNOWNS` a bound that the draws
+    reach counts as open. `values` are the draws of the stiffness, and `error` that of their quantiles.
     """
-    place = posterior.stiffness_names.index(name)
-    beyond = wide.prior.values(wide.theta)[:, place]
-    wider = assess(beyond, wide.prior.values(wide.prior_theta)[:, place])
-    if not wide.reliable:
-        return drawn.judge("not identified", f"it may rest on the prior: with {_WIDER} the calculation did not settle")
-    low, high = posterior.problem.prior.bounds_of(name) or (-math.inf, math.inf)
-    below, above = float((beyond < low).mean()), float((beyond > high).mean())
-    if below > BEYOND and above > BEYOND:
+    prior = posterior.problem.prior
+    reached = {side for held, side in bounds_within_reach(prior, theta) if held == name}
+    certain = finding.verdict in CERTAINTY
+    if prior.bounds_of(name) is None or (certain and not reached):
+        return finding
+    if len(prior.names) > MOST_UNKNOWNS:
+        sides = reached
+    else:
+        (low, high), _ = region().limits(posterior.stiffness_names.index(name), FALL_TWO_SIDED, FALL_PRINTED)
+        ends: tuple[tuple[Side, float], ...] = (("lower", low), ("upper", high))
+        sides = {side for side, end in ends if math.isnan(end)}
+    if not sides or (len(sides) == 2 and not certain):
+        return finding
+    if len(sides) == 2:
         both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return drawn.judge("not identified", f"{both} limit it on both sides")
-    if below > BEYOND or above > BEYOND:
-        return _bounded(posterior, name, drawn, wider.verdict, "upper" if above > BEYOND else "lower", values, error)
-    if not _holds(drawn.interval95, wider.median):
-        ends = [*drawn.interval95, *wider.interval95]
-        verdict, _ = verdict_by_rule(ratio_of((min(ends), max(ends))), drawn.contraction)
-        moved = f"its median goes from {rounded(drawn.median)} to {rounded(wider.median)} with {_WIDER}"
-        return drawn.judge(verdict, f"rests on the prior: {moved}")
-    if _same_verdict(drawn, wider, beyond, wide.effective):
-        return drawn
-    which = "default priors" if posterior.has_default_prior(name) else "priors as stated"
-    worst = min(drawn.verdict, wider.verdict, key=lambda either: CERTAINTY.get(either, 0))
-    return drawn.judge(worst, f"rests on the prior: {drawn.verdict} with the {which}, {wider.verdict} with {_WIDER}")
-
-
-def _bounded(
-    posterior: AnyPosterior, name: str, drawn: Identifiability, wider: Verdict, side: Side, values: Array, error: Error
-) -> Identifiability:
-    """What the draws say of a stiffness that a bound of its prior holds: a 95 % limit to the other side.
-
-    Draws that exclude next to nothing of the prior's draws give none.
-    """
+        return finding.judge("not identified", f"{both} limit it on both sides")
+    (side,) = sides
     bound = _bound_in_words(posterior, name, side)
     of_default = f"the test gives no {side} limit, searched {bound.removeprefix(_DEFAULT)}"
     reason = of_default if bound.startswith(_DEFAULT) else f"{bound} limits it"
-    limit, prior = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
-    excluded = float(((prior < limit) if side == "upper" else (prior > limit)).mean())
+    limit, before = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
+    excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
     if excluded < LEAST_EXCLUDED:
-        return drawn.judge("not identified", f"{reason}, and the data exclude {_TOO_LITTLE}")
-    reason += f"; with {_WIDER} it would be {wider}" if wider in CERTAINTY else ""
-    return drawn.judge("bounded below" if side == "upper" else "bounded above", reason, (limit, error(_LIMIT[side])))
+        return finding.judge("not identified", f"{reason}, and the data exclude {_TOO_LITTLE}")
+    return finding.judge("bounded below" if side == "upper" else "bounded above", reason, (limit, error(_LIMIT[side])))
 
 
 def by_likelihood(
@@ -263,13 +245,37 @@ def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
     return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
-def _same_verdict(drawn: Identifiability, wider: Identifiability, values: Array, effective: float) -> bool:
-    """Whether wider priors leave the verdict, within twice the Monte Carlo error of the ratio it hangs on.
+def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Side], ...]:
+    """Bounds of uniform priors of the joint beyond which there could be mass of any consequence.
 
-    That is the error of the difference of two ln (upper/lower end), of draws and of `values` under wider priors.
+    There could be if the density of the draws at the bound, kept up over a decade beyond it, would hold more than
+    `REACH` of the mass; over the prior's own range where a coordinate is no logarithm, and as far as is possible.
+
+    Parameters
+    ----------
+    prior
+        The prior as it is stated.
+    theta
+        Draws of θ, shape (n, d).
+
+    Returns
+    -------
+    tuple of (name, side)
+        Coordinate and ``"lower"`` or ``"upper"``.
     """
-    errors = [error / abs(end) for end, error in zip(drawn.interval95, drawn.interval95_error, strict=True)]
-    for end, probability in zip(wider.interval95, INTERVAL, strict=True):
-        errors.append(quantile_spread(values, probability, effective) / abs(end))
-    near = (wider.ratio * math.exp(step * math.hypot(*errors)) for step in (-2.0, 0.0, 2.0))
-    return drawn.verdict in {verdict_by_rule(ratio, wider.contraction)[0] for ratio in near}
+    within_reach: list[tuple[str, Side]] = []
+    for column, (axis, marginal) in enumerate(zip(prior.parametrisation.axes, prior.marginals, strict=True)):
+        if prior.bounds_of(axis.name) is None:
+            continue
+        draws, (low, high) = theta[:, column], marginal.support
+        step = DECADE if axis.logarithmic else high - low
+        least, most = axis.bounds if axis.bounded else (low - step, high + step)
+        edge = _EDGE * min(DECADE, high - low)
+        below, above = (draws < low + edge).mean(), (draws > high - edge).mean()
+        # a prior that is uniform in k keeps its density in k: of ln k it grows on beyond the upper end
+        beyond = math.expm1(most - high) if isinstance(marginal, OfStiffness) else most - high
+        if math.isfinite(low) and below / edge * (low - least) > REACH:
+            within_reach.append((axis.name, "lower"))
+        if above / edge * beyond > REACH:
+            within_reach.append((axis.name, "upper"))
+    return tuple(within_reach)
