@@ -103,12 +103,3 @@ def measured_where(results: Mapping[str, Mapping[str, Any]]) -> str:
     where = next(iter(results.values()))["environment"]
     seconds = ", ".join(f"{data['median_seconds']:.1f}" for data in results.values())
     return f"{where['date']}, {where['cpu']}, Python {where['python']}, one core; median of {seconds} s a data set."
-
-
-def write_between(page: Path, script: str, text: str) -> None:
-    """Write what a script found into a page, between its marks."""
-    begin, end = f"<!-- begin: written by benchmarks/{script} -->", "<!-- end -->"
-    head, rest = page.read_text(encoding="utf-8").split(begin)
-    _, tail = rest.split(end, 1)
-    page.write_text(f"{head}{begin}\n\n{text}\n{end}{tail}", encoding="utf-8")
-    print(f"written: {page.relative_to(ROOT)}")

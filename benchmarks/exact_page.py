@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.exact_data import NAMES, SUBJECTS
 from benchmarks.page import number, table
-from benchmarks.record import BEGIN, END
+from benchmarks.record import write_between
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "trust.md"
 Outcomes = Sequence[Mapping[str, Any]]
@@ -114,22 +114,18 @@ def seeds_summary(found: Outcomes) -> dict[str, Any]:
 
 def page_text(results: Mapping[str, Any]) -> str:
     """The generated part of the page."""
-    sections = {"coverage": _coverage, "mode": _mode, "bounds": _bounds, "seeds": _seeds}
+    sections = {"coverage": _coverage, "mode": _mode, "bounds": _bounds}
     lines: list[str] = []
     for part, write in sections.items():
         if part in results:
             title, body = write(results[part]["subjects"])
-            lines += [f"## {title}", "", where_measured(results[part]["environment"]), "", *body, ""]
+            lines += [f"### {title}", "", where_measured(results[part]["environment"]), "", *body, ""]
     return "\n".join(lines)
 
 
 def write_page(results: Path) -> None:
     """Write what is on record into docs/trust.md."""
-    head, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    _, tail = rest.split(END)
-    text = page_text(json.loads(results.read_text(encoding="utf-8")))
-    PAGE.write_text(f"{head}{BEGIN}\n\n{text}\n{END}{tail}", encoding="utf-8")
-    print(f"written: {PAGE.name}", flush=True)
+    write_between(PAGE, "exact_study.py", page_text(json.loads(results.read_text(encoding="utf-8"))))
 
 
 def where_measured(environment: Mapping[str, Any]) -> str:
@@ -195,20 +191,3 @@ def _bounds(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
         *_failures(subjects),
     ]
     return "Truths beyond the prior's bounds", lines
-
-
-def _seeds(subjects: Mapping[str, Any]) -> tuple[str, list[str]]:
-    (data,) = subjects.values()
-    rows = [
-        (end, *(number(row[key], 4 if key == "mean" else 3) for key in ("mean", "scatter", "stated", "ratio")))
-        for end, row in data["ends"].items()
-    ]
-    head = ("end of the 95 % interval", "mean", "scatter over seeds (sd)", "stated error (rms)", "stated over scatter")
-    lines = [
-        f"{data['count']} seeds, {data['converged']} converged; "
-        f"{data['median_seconds']:.1f} s of CPU each in the median.",
-        "",
-        *table(head, rows),
-        *_failures(subjects),
-    ]
-    return "Do the stated errors of interval ends match their scatter?", lines

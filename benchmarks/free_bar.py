@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from benchmarks.coverage import write_between
 from benchmarks.page import table
-from benchmarks.record import environment, kept_outcomes, record_kind
+from benchmarks.record import environment, kept_outcomes, record_kind, write_between
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "build" / "free_bar"

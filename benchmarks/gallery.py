@@ -1,4 +1,4 @@
-"""Published stiffnesses and our intervals, the figure of docs/published.md, which `benchmarks.numbers` draws."""
+"""Published stiffnesses and our intervals, the figure of docs/trust.md, which `benchmarks.numbers` draws."""
 
 from pathlib import Path
 from typing import Any

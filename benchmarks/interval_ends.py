@@ -29,13 +29,12 @@ from scipy import stats
 import jointbayes as jb
 from benchmarks.exact_page import where_measured
 from benchmarks.page import number, table
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import environment, kept_lines, write_between
 from jointbayes.sampling import INTERVAL, quantile_error
 
 ROOT = Path(__file__).resolve().parents[1]
 CASES = tuple(sorted(path.stem for path in (ROOT / "configs").glob("*.toml")))
 KEPT, PAGE = ROOT / "build" / "interval_ends.jsonl", ROOT / "docs" / "trust.md"
-BEGIN, END = "<!-- begin: written by benchmarks.interval_ends -->", "<!-- end: interval_ends -->"
 
 #: Between which the ratio of scatter to stated error should lie.
 LIMITS = (0.8, 1.25)
@@ -141,9 +140,7 @@ def main() -> None:
     text = section(by_case, environment())
     print(text)
     if not options.case and options.seeds >= 20:
-        head, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-        PAGE.write_text(f"{head}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
-        print(f"written: {PAGE.name}")
+        write_between(PAGE, "interval_ends.py", text + "\n")
     sys.exit(bool(verdict(by_case)))
 
 

@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 import jointbayes as jb
-from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
+from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
+from benchmarks.record import write_between
 from jointbayes.inference import JointPrior, Nuisance, Problem, Uniform
 from jointbayes.joint import Damped, Joint, parametrisation_named
 from jointbayes.posterior import Posterior

@@ -15,7 +15,7 @@ from types import ModuleType
 import numpy as np
 
 import jointbayes as jb
-from benchmarks.coverage import write_between
+from benchmarks.record import write_between
 from jointbayes.frf import receptance_model
 from jointbayes.structure import family_of_recipe
 

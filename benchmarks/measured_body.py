@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
+from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary
 from benchmarks.page import table
+from benchmarks.record import write_between
 from jointbayes.frf import MeasuredBody, Substructures
 from jointbayes.inference import JointPrior, Problem, Uniform
 from jointbayes.joint import Damped, Joint, LogStiffness

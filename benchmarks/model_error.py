@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import jointbayes as jb
-from benchmarks.coverage import write_between
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from benchmarks.record import environment, kept_outcomes, record_kind
+from benchmarks.record import environment, kept_outcomes, record_kind, write_between
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,4 +1,4 @@
-"""Results of the benchmarks as Markdown: the page, and its three lines in README (`python -m benchmarks.page`)."""
+"""Results of the benchmarks as Markdown: for docs/trust.md, and three lines in README (`python -m benchmarks.page`)."""
 
 import json
 import textwrap
@@ -13,21 +13,15 @@ CASE_FILE = {"modal": "configs/clamped_beam.toml", "loss_factor": "configs/clamp
 
 
 def page(results: Data) -> str:
-    """The whole page, from the sections that have been measured."""
-    parts = [
-        "# Benchmarks\n",
-        "`make bench` prints this page in less than five minutes; `make science` adds growth with the data,\n"
-        "and NUTS. The figures are in `benchmarks/results.json`.\n",
-    ]
-    parts += [section(name, results[name]) for name in _SECTIONS if name in results]
-    return "\n".join(parts)
+    """Return the sections of the page; the growth with the data is printed and kept in results.json only."""
+    return "\n".join(section(name, results[name]) for name in ("likelihood", "samplers") if name in results)
 
 
 def section(name: str, data: Data) -> str:
     """One section with where it was measured."""
     title, body = _SECTIONS[name]
     short = ["**A short run to try the script: these figures say nothing.**\n"] if data["quick"] else []
-    return "\n".join([f"## {title}\n", *short, _where(data["environment"], name), "", *body(data)]) + "\n"
+    return "\n".join([f"### {title}\n", *short, _where(data["environment"], name), "", *body(data)]) + "\n"
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -64,10 +58,9 @@ def _where(environment: Data, section: str) -> str:
 def _likelihood(data: Data) -> list[str]:
     lines = [
         f"One FRF at {data['lines']} lines of the shipped cases; a joint of 2 DOFs where nothing else is said.",
-        f'"jointbayes" is `problem.log_posterior` of {data["batch"]} points in a batch, without what is set up once a',
-        "case. The peers compute the same likelihood to 1e-8 (`tests/test_benchmarks.py`) from joint matrices, and no",
-        "prior, with all DOFs of the elements that the band needs; a sum of the lowest modes leaves out the others.",
-        "Medians of rounds in turn, in one process; ratios are of CPU time. `python -m benchmarks.likelihood`.",
+        f'"jointbayes" is `problem.log_posterior` of {data["batch"]} points in a batch. The peers compute the same',
+        "likelihood to 1e-8 from joint matrices, without a prior (`tests/test_benchmarks.py`).",
+        "`python -m benchmarks.likelihood` repeats this.",
     ]
     for law in LAW:
         rows = [r for r in data["rows"] if r["law"] == law]
@@ -75,17 +68,8 @@ def _likelihood(data: Data) -> list[str]:
             continue
         ours = next(r["cpu_us"] for r in rows if r["what"] == "jointbayes")
         # of another joint there is no ratio
-        body = (
-            (
-                r["what"],
-                number(r["us"]),
-                number(r["cpu_us"]),
-                number(r["ratio"] and r["cpu_us"] / ours),
-            )
-            for r in rows
-        )
-        lines += ["", f"### Likelihood, {LAW[law]}", ""]
-        lines += table(("what", "µs per likelihood", "µs of CPU", "times as long as jointbayes"), body)
+        body = ((r["what"], number(r["cpu_us"]), number(r["ratio"] and r["cpu_us"] / ours)) for r in rows)
+        lines += ["", *table((LAW[law], "µs of CPU", "times as long as jointbayes"), body)]
     return lines
 
 
@@ -112,9 +96,7 @@ def _samplers(data: Data) -> list[str]:
         if case["law"] != "modal":  # in `results.json`; the order is the same
             continue
         lines += [
-            f"### Samplers, {LAW[case['law']]}",
-            "",
-            f"`{CASE_FILE[case['law']]}`, {case['values']} values.",
+            f"`{CASE_FILE[case['law']]}`, {case['values']} values, {LAW[case['law']]}:",
             "",
             *table((h.format(wanted=wanted) for h in _SAMPLER_HEAD), (_sampler_row(r) for r in case["rows"])),
             "",
@@ -126,24 +108,19 @@ def _samplers(data: Data) -> list[str]:
 
 _SAMPLER_HEAD = (
     "sampler",
-    "µs per likelihood",
     "ESS",
-    "ESS per second",
     "evaluations per effective sample",
-    "seconds to {wanted} ESS",
-    "of CPU",
+    "s of CPU to {wanted} ESS",
     "mean off by, sd",
     "sd ratio",
 )
 
 _SAMPLER_NOTES = """\
-Draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three: draws/τ with τ
-averaged over walkers for ensembles, ArviZ's bulk ESS for NUTS, Kish's (Σw)²/Σw² for nested samplers. ESS per second
-counts sampling alone, evaluations all of it, seconds to {wanted} ESS everything but compiling: search for the mode,
-burn-in or adaptation, sampling. Extrapolated: measured µs per likelihood with τ and draws of emcee on the jointbayes
-likelihood. Last two columns: largest difference of a mean in posterior standard deviations, and ratio of standard
-deviations furthest from 1, to the jointbayes row; Monte Carlo error about 1/√ESS of either.
-`python -m benchmarks.samplers` repeats this, `--nuts` with NUTS; `results.json` has the case with a loss factor, too.
+Draws from the posterior of (ln k11, ln k12, ln k22) on one core. ESS is the smallest over the three: draws/τ for
+ensembles, ArviZ's bulk ESS for NUTS, Kish's (Σw)²/Σw² for nested samplers. CPU time counts everything but compiling:
+search for the mode, burn-in or adaptation, sampling. Extrapolated: measured time of a likelihood with τ and draws of
+emcee. Last two columns: difference to the jointbayes row. `python -m benchmarks.samplers` repeats this, `--nuts` with
+NUTS.
 """
 
 
@@ -151,10 +128,7 @@ def _sampler_row(row: Data) -> tuple[str, ...]:
     name = row["method"] + (" (extrapolated)" if row["extrapolated"] else "")
     if row.get("missing"):
         return (name, row["missing"], *["–"] * (len(_SAMPLER_HEAD) - 2))
-    figures = (
-        *("us_per_likelihood", "ess", "ess_per_second", "evaluations_per_effective"),
-        *("seconds_to_wanted", "cpu_to_wanted", "mean_difference", "sd_ratio"),
-    )
+    figures = ("ess", "evaluations_per_effective", "cpu_to_wanted", "mean_difference", "sd_ratio")
     return (name, *(number(row.get(figure)) for figure in figures))
 
 
@@ -188,7 +162,7 @@ def in_short(results: Data) -> str:
         f"included; the fastest other sampler on the same likelihood, {peer['method'].split(',')[0]}, takes "
         f"{peer_seconds} s.",
         f"Measured on {where['date']} on one core of an {where['cpu'].replace('(R)', '')}; `make bench` repeats it in "
-        "less than five minutes: [Benchmarks](docs/benchmarks.md).",
+        "less than five minutes: [Trust](docs/trust.md#how-fast).",
     )
     return "\n".join(textwrap.fill(point, 118, initial_indent="- ", subsequent_indent="  ") for point in points)
 

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import jointbayes as jb
-from benchmarks.coverage import write_between
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import environment, kept_lines, write_between
 from jointbayes.sampling import SamplerSettings
 
 ROOT = Path(__file__).resolve().parents[1]

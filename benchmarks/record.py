@@ -14,7 +14,7 @@ from benchmarks.page import page, section
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results.json"
-PAGE = ROOT / "docs" / "benchmarks.md"
+PAGE = ROOT / "docs" / "trust.md"
 
 #: Packages whose versions the figures depend on.
 PACKAGES = (
@@ -56,7 +56,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that every benchmark has."""
     parser.add_argument("--quick", action="store_true", help="few lines and short runs, to try the script")
     parser.add_argument("--json", type=Path, help="where to keep the results; a quick run keeps none by default")
-    parser.add_argument("--page", type=Path, help="where to write the page; a quick run writes none by default")
 
 
 def merged(path: Path | None, name: str, data: Mapping[str, Any], quick: bool) -> dict[str, Any]:
@@ -65,29 +64,25 @@ def merged(path: Path | None, name: str, data: Mapping[str, Any], quick: bool) -
     return {**kept, name: {"environment": environment(), "quick": quick, **data}}
 
 
-BEGIN, END = "<!-- begin: written by the script -->", "<!-- end -->"
-
-
-def between(page: str, text: str) -> str:
-    """The page with other text between its two marks."""
-    head, rest = page.split(BEGIN)
-    _, tail = rest.split(END)
-    return f"{head}{BEGIN}\n\n{text}\n{END}{tail}"
+def write_between(page: Path, script: str, text: str) -> None:
+    """Write what a script found into a page, between its marks."""
+    begin, end = f"<!-- begin: written by benchmarks/{script} -->", "<!-- end -->"
+    head, rest = page.read_text(encoding="utf-8").split(begin)
+    _, tail = rest.split(end, 1)
+    page.write_text(f"{head}{begin}\n\n{text}\n{end}{tail}", encoding="utf-8")
+    print(f"written: {page.relative_to(ROOT)}")
 
 
 def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> None:
     """Print one section; keep it among the others in the JSON file and write the page from all of them."""
-    json_path, page_path = options.json, options.page
-    if not options.quick:
-        json_path, page_path = json_path or RESULTS, page_path or PAGE
+    json_path = options.json if options.quick else options.json or RESULTS
     results = merged(json_path, name, data, options.quick)
     print(section(name, results[name]))
     if json_path is not None:
         json_path.write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         print(f"written: {json_path}")
-    if page_path is not None:
-        page_path.write_text(page(results), encoding="utf-8")
-        print(f"written: {page_path}")
+    if not options.quick:
+        write_between(PAGE, "record.py", page(results))
 
 
 def kept_outcomes(

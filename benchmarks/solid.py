@@ -22,8 +22,9 @@ from scipy import linalg
 
 import jointbayes as jb
 from benchmarks.bricks import brick_model, face
-from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary, write_between
+from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary
 from benchmarks.page import table
+from benchmarks.record import write_between
 from jointbayes.inference import JointPrior, Problem, Test, Uniform
 from jointbayes.joint import Joint, parametrisation_named
 from jointbayes.posterior import Posterior

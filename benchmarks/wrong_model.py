@@ -28,8 +28,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 import jointbayes as jb
-from benchmarks.coverage import write_between
-from benchmarks.record import environment, kept_lines
+from benchmarks.record import environment, kept_lines, write_between
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import AssembledShapes, NaturalFrequencies

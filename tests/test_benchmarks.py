@@ -206,7 +206,7 @@ def test_emcee_is_run_on_our_likelihood_and_extrapolated_for_slow_ones(quick):
 def test_readme_and_page_carry_what_was_measured():
     results = json.loads(record.RESULTS.read_text(encoding="utf-8"))
     assert page.in_short(results) in (record.PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
-    assert page.page(results) == record.PAGE.read_text(encoding="utf-8")
+    assert page.page(results) in record.PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("study", [joint_damping, measured_body], ids=lambda study: study.__name__)

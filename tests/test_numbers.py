@@ -92,7 +92,7 @@ def test_the_truth_is_found_wherever_a_case_states_it():
 
 
 def test_every_published_value_of_the_gallery_lies_inside_its_interval(record):
-    page = (numbers.ROOT / "docs" / "published.md").read_text(encoding="utf-8")
+    page = (numbers.ROOT / "docs" / "trust.md").read_text(encoding="utf-8")
     for name in gallery.CASES:
         assert f"`configs/{name}.toml`" in page
         assert record["cases"][name]["check"]["exit"] == 0

@@ -61,7 +61,7 @@ class Calibration:
         return min(1.0, len(self.names) * self.p_values.min())
 
     def row(self, name):
-        """One line of the table in docs/calibration.md."""
+        """One line of the table in docs/trust.md."""
         n, share = len(self.ranks), 100 * self.held.mean(axis=0)
         return f"| {name} | {n} ({self.converged}) | {self.p_value:.2g} | {share.min():.1f} to {share.max():.1f} |"
 
@@ -90,7 +90,7 @@ def calibrated(problem, count, *, source=None, seed=1, tell=lambda _i, _seconds:
 
 
 def main():
-    """Calibrate the main case with ever more that is uncertain, and print the row of docs/calibration.md."""
+    """Calibrate the main case with ever more that is uncertain, and print the row of docs/trust.md."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("variant", choices=list(VARIANTS))
     parser.add_argument("--count", type=int, default=500, help="data sets; default 500")
