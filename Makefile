@@ -66,7 +66,6 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "science or long"
 	$(BIN)/python -m benchmarks.likelihood --growth
 	$(BIN)/python -m benchmarks.samplers --nuts
-	$(BIN)/python -m benchmarks.mode_found
 	$(BIN)/python -m benchmarks.random_frames
 	$(BIN)/python -m benchmarks.exact_study
 	$(BIN)/python -m benchmarks.interval_ends
@@ -74,11 +73,10 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m tests.science.calibration nuisances
 	$(BIN)/python -m tests.science.calibration "noise scale"
 	$(BIN)/python -m benchmarks.limits_hold
-	$(BIN)/python -m benchmarks.model_error
 	$(BIN)/python -m benchmarks.free_bar
 	$(BIN)/python -m benchmarks.solid
 	$(BIN)/python -m benchmarks.predictions
-	$(BIN)/python -m benchmarks.false_alarms --sets 34
+	$(BIN)/python -m benchmarks.false_alarms
 	$(BIN)/python -m benchmarks.wrong_model
 	$(BIN)/python -m benchmarks.modal_fit
 	$(BIN)/python -m benchmarks.joint_damping

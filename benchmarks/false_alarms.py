@@ -1,30 +1,25 @@
-"""How often the check finds something in exact data: `python -m benchmarks.false_alarms --sets 34`.
+"""How often the check finds something in exact data: `python -m benchmarks.false_alarms`.
 
 Six kinds of case, each analysed with the very model and noise that made its data: the main case; with material, length
 and damping uncertain; four FRFs of a coherence, with Student-t noise; natural frequencies; two tests; a frame. Every
 data set has noise of its own. A finding other than "explained" is a false alarm: of runs at the level `FALSE_ALARM` as
 many in a hundred are allowed.
-
-Outcomes are kept in build/false_alarms.jsonl as they come, so that a study that was cut off goes on where it was.
 """
 
-import argparse
-import json
 import re
-import time
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 import jointbayes as jb
-from benchmarks.record import kept_lines
+from benchmarks.page import table
+from benchmarks.record import ROOT
+from benchmarks.study import Row, Study
 from jointbayes.case.case_text import read_case_text
 from jointbayes.posterior.checks import FALSE_ALARM
 
-ROOT = Path(__file__).resolve().parents[1]
-KEPT = ROOT / "build" / "false_alarms.jsonl"
 #: Shipped case of each kind.
 KINDS = {
     "main": "clamped_beam",
@@ -35,19 +30,6 @@ KINDS = {
     "frame": "spindle_tool",
 }
 _TRUTH = np.array([5.05e9, 3.44e7, 1.52e6])  # of the paper's Table 3, whose natural frequencies are the data
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the check said of one exact data set."""
-
-    kind: str
-    index: int
-    finding: str
-    chi2_per_line: float
-    misfit_p_value: float
-    converged: bool
-    seconds: float
 
 
 def text_of(kind: str, index: int) -> str:
@@ -82,56 +64,30 @@ def problem_of(kind: str, index: int, case: jb.Case) -> jb.Problem:
     return problem.with_test(data=replace(measured, frf=frf, joint_frf=None))
 
 
-def analyse(kind: str, index: int, settings: jb.SamplerSettings | None = None) -> Outcome:
+def analyse(kind: str, index: int, settings: jb.SamplerSettings | None = None) -> Row:
     """Make data set number so many of a kind, and check the model that made it."""
-    began = time.process_time()
     case = jb.case_from_text(f"{kind} {index}", text_of(kind, index), directory=ROOT / "configs")
     problem = problem_of(kind, index, case)
     subject = case if problem is case.problem else replace(case, problem=problem)
     posterior = jb.sample(subject, seed=index, settings=settings or case.sampler)
-    findings = [check.finding for check in posterior.checks if check.finding != "explained"]
-    return Outcome(
-        kind,
-        index,
-        findings[0] if findings else "explained",
-        posterior.check.chi2_per_line,
-        posterior.check.misfit_p_value,
-        posterior.converged,
-        time.process_time() - began,
-    )
+    return {"findings": [check.finding for check in posterior.checks if check.finding != "explained"]}
 
 
-def table(outcomes: list[Outcome]) -> str:
-    """Markdown table of false alarms by kind, and what is allowed of all."""
-    lines = ["| Kind | Data sets | False alarms |", "|---|---|---|"]
-    for kind in KINDS:
-        of_kind = [one for one in outcomes if one.kind == kind]
-        lines.append(f"| {kind} | {len(of_kind)} | {sum(one.finding != 'explained' for one in of_kind)} |")
-    alarms = sum(one.finding != "explained" for one in outcomes)
-    most = int(stats.binom(len(outcomes), FALSE_ALARM).ppf(0.999))
-    lines.append(f"| all | {len(outcomes)} | {alarms} (at {100 * FALSE_ALARM:g} % more than {most}: once in 1000) |")
-    return "\n".join(lines)
+def summary(rows: Sequence[Row]) -> Row:
+    """Number of false alarms."""
+    return {"alarms": sum(bool(row["findings"]) for row in rows)}
 
 
-def main() -> None:
-    """Run what is not yet kept, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", type=int, default=34, help="data sets of each kind; default 34")
-    parser.add_argument("--kinds", nargs="*", choices=list(KINDS), default=list(KINDS))
-    options = parser.parse_args()
-    outcomes = [Outcome(**line) for line in kept_lines(KEPT, "false alarms, 1")]
-    done = {(one.kind, one.index) for one in outcomes}
-    for index in range(1, options.sets + 1):
-        for kind in options.kinds:
-            if (kind, index) in done:
-                continue
-            outcome = analyse(kind, index)
-            with KEPT.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(outcome)) + "\n")
-            print(outcome, flush=True)
-            outcomes.append(outcome)
-    print(table(outcomes), flush=True)
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """False alarms by kind, and what is allowed of all."""
+    sets, alarms = (sum(data[key] for data in results.values()) for key in ("sets", "alarms"))
+    most = int(stats.binom(sets, FALSE_ALARM).ppf(0.999))
+    rows = [(kind, str(data["sets"]), str(data["alarms"])) for kind, data in results.items()]
+    rows.append(("all", str(sets), f"{alarms} (at {100 * FALSE_ALARM:g} % more than {most}: once in 1000)"))
+    return table(("Kind", "Data sets", "False alarms"), rows)
 
+
+STUDY = Study("false_alarms", "", dict.fromkeys(KINDS, 34), analyse, summary, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

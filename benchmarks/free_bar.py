@@ -7,31 +7,21 @@ analysed with `[uncertain.model_error]` by default, counted rightly, from mode 3
 swing and rock, or from mode 1, as of a clamped beam; with modulus, density and length exact, as they are, or off by 2,
 1 and 0.3 % (one standard deviation) and uncertain by as much. Counted are verdicts, of which none may be "identified".
 
-Part of `make science`. Outcomes are kept in build/free_bar as they come, one line of JSON each, so that a run that was
-cut off goes on where it was. Figures go to benchmarks/free_bar.json, the table to docs/measured.md.
+Part of `make science`; the table goes to docs/measured.md.
 """
 
-import argparse
 import json
 import math
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
 from benchmarks.page import table
-from benchmarks.record import environment, kept_outcomes, record_kind, write_between
+from benchmarks.study import Row, Study
 
-ROOT = Path(__file__).resolve().parents[1]
-KEPT = ROOT / "build" / "free_bar"
-SUMMARY = ROOT / "benchmarks" / "free_bar.json"
-PAGE = ROOT / "docs" / "measured.md"
 ENTROPY = 20261125
 
 #: Number of the first mode of the list, and whether modulus, density and length are uncertain.
@@ -40,7 +30,6 @@ KINDS = {
     "from mode 3, E, density and length uncertain": (3, True),
     "from mode 1, all else certain": (1, False),
 }
-CASES = 100
 VERDICTS = ("identified", "weakly identified", "bounded above", "bounded below", "not identified", "no verdict")
 SCATTER = 0.001
 ERRORS = {"youngs_modulus": 0.02, "density": 0.01, "length": 0.003}
@@ -87,55 +76,25 @@ def case_of(kind: str, index: int) -> jb.Case:
     return jb.case_from_text(f"{kind} {index}", text)
 
 
-def analysed(kind: str, index: int) -> dict[str, Any]:
-    """What a run says of each stiffness; JSON-ready."""
-    began = time.process_time()
+def analysed(kind: str, index: int) -> Row:
+    """Verdict on each stiffness."""
     case = case_of(kind, index)
     posterior = jb.sample(case, seed=index, settings=case.sampler.for_one_of_many())
-    said = {name: posterior.verdict(name) for name in posterior.stiffness_names}
-    stiffness = {
-        name: {"verdict": one.verdict, "reason": one.verdict_reason, "interval95": list(one.interval95)}
-        for name, one in said.items()
-    }
-    return {"index": index, "seconds": time.process_time() - began, "stiffness": stiffness}
+    return {"verdicts": {name: posterior.verdict(name).verdict for name in posterior.stiffness_names}}
 
 
-def outcomes(kind: str, count: int, kept: Path) -> list[dict[str, Any]]:
-    """Outcomes of the first `count` bars; those kept in a file are not analysed again."""
-    return kept_outcomes(kept, json.dumps({"entropy": ENTROPY, "case": case_of(kind, 1).text}), count,
-                         partial(analysed, kind), kind)  # fmt: skip
+def summary(rows: Sequence[Row]) -> Row:
+    """Counts of verdicts by stiffness."""
+    return {"verdicts": {name: dict(Counter(row["verdicts"][name] for row in rows)) for name in rows[0]["verdicts"]}}
 
 
-def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """JSON-ready counts of verdicts by stiffness."""
-    verdicts = {name: dict(Counter(row["stiffness"][name]["verdict"] for row in rows)) for name in rows[0]["stiffness"]}
-    return {
-        "cases": len(rows),
-        "median_seconds": float(np.median([row["seconds"] for row in rows])),
-        "verdicts": verdicts,
-        "environment": environment(),
-    }
-
-
-def section(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """A table of what was counted, and where it was analysed."""
-    rows = [
-        (kind, str(data["cases"]), *(_counts(data["verdicts"], verdict) for verdict in VERDICTS))
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """A table of what was counted."""
+    rows = (
+        (kind, str(data["sets"]), *(_counts(data["verdicts"], verdict) for verdict in VERDICTS))
         for kind, data in results.items()
-    ]
-    environments = [data["environment"] for data in results.values()]
-    seconds = ", ".join(f"{data['median_seconds']:.0f}" for data in results.values())
-    place = f"{environments[0]['date']}, {environments[0]['cpu']}, Python {environments[0]['python']}, one core"
-    return "\n".join(
-        [
-            "Bars by verdict, of k11, k12, k22:",
-            "",
-            *table(("counted", "bars", *VERDICTS), rows),
-            "",
-            f"{place}: {seconds} s a bar.",
-            "",
-        ]
     )
+    return ["Bars by verdict, of k11, k12, k22:", "", *table(("counted", "bars", *VERDICTS), rows)]
 
 
 def _counts(verdicts: Mapping[str, Mapping[str, int]], verdict: str) -> str:
@@ -144,18 +103,7 @@ def _counts(verdicts: Mapping[str, Mapping[str, int]], verdict: str) -> str:
     return counts[0] if len(set(counts)) == 1 else ", ".join(counts)
 
 
-def main() -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kind", action="append", choices=list(KINDS), help="may be repeated; default: all")
-    parser.add_argument("--count", type=int, default=CASES, help="bars; default: the whole study")
-    options = parser.parse_args()
-    for kind in options.kind or KINDS:
-        data = summary(outcomes(kind, options.count, KEPT / f"{kind.replace(' ', '_').replace(',', '')}.jsonl"))
-        text = section(record_kind(SUMMARY, KINDS, kind, data))
-        print(text, flush=True)
-        write_between(PAGE, "free_bar.py", text)
-
+STUDY = Study("free_bar", "measured.md", dict.fromkeys(KINDS, 100), analysed, summary, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

@@ -10,30 +10,21 @@ damping, and the loss factor of the rod, which is uncertain by a factor of three
 - dashpot: as yielding, with a dashpot beside the rotational spring in place of the loss factor.
 
 The data do not come from the package: the rod is the exact dynamic stiffness of a Timoshenko beam
-(`benchmarks/exact_beam.py`), the joint a complex matrix added to it at every line, solved line by line. Data sets are
-kept in build/joint_damping as they come, so that a run that was cut off goes on where it was; the table goes to
-docs/joint-damping.md.
-
-    python -m benchmarks.joint_damping --sets 100
+(`benchmarks/exact_beam.py`), the joint a complex matrix added to it at every line, solved line by line. The table
+goes to docs/joint-damping.md.
 """
 
-import argparse
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
 import jointbayes as jb
-from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from benchmarks.record import write_between
+from benchmarks.study import Row, Study, coverage, outcome, share
 from jointbayes.inference import JointPrior, Nuisance, Problem, Uniform
 from jointbayes.joint import Damped, Joint, parametrisation_named
 from jointbayes.posterior import Posterior
@@ -43,10 +34,7 @@ from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS, PAGE = ROOT / "benchmarks" / "joint_damping.json", ROOT / "docs" / "joint-damping.md"
-KEPT = ROOT / "build" / "joint_damping"
-SETS, ENTROPY = 100, 20150787
+ENTROPY = 20150787
 
 LENGTH, DIAMETER, POINTS = 0.383, 0.025, 10
 MATERIAL = BeamMaterial(2.1e11, 0.3, 7800.0)
@@ -60,7 +48,7 @@ _SPRINGS = parametrisation_named("springs", ("y", "rz"))
 
 
 @dataclass(frozen=True)
-class Study:
+class Unknown:
     """What is unknown of the joint, and between which bounds, of ky, krz and the damping, all orders alike."""
 
     kind: Damped
@@ -72,10 +60,10 @@ class Study:
         return self.kind.stiffness_names[-1]
 
 
-STUDIES: Mapping[str, Study] = {
-    "yielding": Study(Damped(_SPRINGS, (), ("all",)), ((2e7, 2e8), (2e4, 2e5), (0.01, 0.3))),
-    "stiff": Study(Damped(_SPRINGS, (), ("all",)), ((2e10, 2e11), (2e7, 2e8), (0.01, 0.3))),
-    "dashpot": Study(Damped(_SPRINGS, ("krz",), ()), ((2e7, 2e8), (2e4, 2e5), (1.0, 30.0))),
+STUDIES: Mapping[str, Unknown] = {
+    "yielding": Unknown(Damped(_SPRINGS, (), ("all",)), ((2e7, 2e8), (2e4, 2e5), (0.01, 0.3))),
+    "stiff": Unknown(Damped(_SPRINGS, (), ("all",)), ((2e10, 2e11), (2e7, 2e8), (0.01, 0.3))),
+    "dashpot": Unknown(Damped(_SPRINGS, ("krz",), ()), ((2e7, 2e8), (2e4, 2e5), (1.0, 30.0))),
 }
 
 
@@ -123,50 +111,32 @@ def analyse(study: str, index: int) -> tuple[Posterior, dict[str, float]]:
     return posterior, dict(zip((*posterior.stiffness_names, "loss_factor"), truth.tolist(), strict=True))
 
 
-def section(results: Mapping[str, Any]) -> str:
-    """What stands in docs/joint-damping.md."""
-    words = {"loss_factor": "rod's loss factor"}
-    rows = []
+def analysed(study: str, index: int) -> Row:
+    """What a run says of each quantity of a data set."""
+    return outcome(*analyse(study, index))
+
+
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """The table, and how unusual its lowest count is."""
+    rows, words = [], {"loss_factor": "rod's loss factor"}
     for study, data in results.items():
-        damping = data["judged"]
-        others = [f"{words.get(k, k)} {v['held']}" for k, v in data["coverage"].items() if k != damping]
-        verdicts = ", ".join(f"{verdict}: {count}" for verdict, count in data["verdicts"].items())
-        rows.append((study, f"`{damping}`", of_sets(data, damping), ", ".join(others), verdicts, data["converged"]))
+        damping, held = STUDIES[study].damping, data["held"]
+        others = ", ".join(f"{words.get(k, k)} {n}" for k, n in held.items() if k != damping)
+        verdicts = ", ".join(f"{verdict}: {count}" for verdict, count in data["verdicts"][damping].items())
+        rows.append(
+            (study, f"`{damping}`", share(held[damping], data["sets"]), others, verdicts, str(data["converged"]))
+        )
     head = ("joint", "damping", "its 95 % interval holds the truth", "of the others", "its verdict", "converged")
-    return "\n".join(
-        [*table(head, (map(str, row) for row in rows)), "", measured_where(results), "", _lowest(results), ""]
-    )
-
-
-def _lowest(results: Mapping[str, Any]) -> str:
-    """The lowest count of all, and how often one of so many is as low where every interval is right."""
-    sets = min(data["data_sets"] for data in results.values())
-    counts = {(study, k): v["held"] for study, data in results.items() for k, v in data["coverage"].items()}
+    counts = {(study, k): n for study, data in results.items() for k, n in data["held"].items()}
     (study, name), lowest = min(counts.items(), key=lambda item: item[1])
-    chance = 1 - float(binom.sf(lowest, sets, 0.95)) ** len(counts)
-    return (
+    chance = 1 - float(binom.sf(lowest, min(data["sets"] for data in results.values()), 0.95)) ** len(counts)
+    note = (
         f"The {lowest} of {name} ({study}) is the lowest of {len(counts)} counts; with right intervals the lowest of "
-        f"so many is {lowest} or less in {100 * chance:.0f} % of such studies."
     )
+    return [*table(head, rows), "", f"{note}so many is {lowest} or less in {100 * chance:.0f} % of such studies."]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=SETS)
-    parser.add_argument("--study", choices=[*STUDIES], action="append", help="only this one; prints, writes nothing")
-    options = parser.parse_args(arguments)
-    results: dict[str, Any] = {}
-    for study in options.study or STUDIES:
-        damping = STUDIES[study].damping
-        head = json.dumps([ENTROPY, repr(STUDIES[study].bounds), LINES.size, NOISE, repr(SETTINGS)])
-        outcome = partial(row_of, analyse=partial(analyse, study), judged=damping)
-        results[study] = summary(kept_rows(KEPT / f"{study}.jsonl", head, options.sets, outcome), damping)
-    print(section(results))
-    if options.study is None and options.sets >= SETS:
-        RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        write_between(PAGE, "joint_damping.py", section(results))
-
+STUDY = Study("joint_damping", "joint-damping.md", dict.fromkeys(STUDIES, 100), analysed, coverage, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

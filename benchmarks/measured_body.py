@@ -3,40 +3,28 @@
 Each data set has its own errors of the spindle's FRFs and of the tool's. The 95 % intervals of the joint's stiffnesses
 should hold the truth in 95 of 100. Three studies: the noise of the spindle counts in the likelihood; it is ignored; it
 counts, and the joint has a loss factor of its own. The data are those of both bodies assembled, dense matrices solved
-line by line. Data sets are kept in build/measured_body as they come; the table goes to docs/imported.md.
-
-    python -m benchmarks.measured_body --sets 100
+line by line. The table goes to docs/imported.md.
 """
 
-import argparse
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import jointbayes as jb
-from benchmarks.coverage import kept_rows, measured_where, of_sets, row_of, summary
 from benchmarks.page import table
-from benchmarks.record import write_between
+from benchmarks.study import Row, Study, coverage, outcome, share
 from jointbayes.frf import MeasuredBody, Substructures
 from jointbayes.inference import JointPrior, Problem, Uniform
 from jointbayes.joint import Damped, Joint, LogStiffness
-from jointbayes.posterior import Posterior
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import BeamMaterial, LossFactor, Section, Structure, beam
 from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS, PAGE = ROOT / "benchmarks" / "measured_body.json", ROOT / "docs" / "imported.md"
-KEPT, SETS = ROOT / "build" / "measured_body", 100
 
 STEEL = BeamMaterial(2.1e11, 0.3, 7800.0)
 LINES = np.arange(100.0, 3000.0, 20.0)
@@ -48,7 +36,7 @@ SETTINGS = SamplerSettings(walkers=24, max_steps=2000).for_one_of_many()
 
 
 @dataclass(frozen=True)
-class Study:
+class Variant:
     """Whether the noise of the spindle counts, and the loss factor of the joint, none where it is 0."""
 
     propagate: bool
@@ -60,10 +48,10 @@ class Study:
         return (*TRUTH, self.loss_factor) if self.loss_factor else TRUTH
 
 
-STUDIES: Mapping[str, Study] = {
-    "counted": Study(True),
-    "ignored": Study(False),
-    "counted, damped joint": Study(True, 0.05),
+STUDIES: Mapping[str, Variant] = {
+    "counted": Variant(True),
+    "ignored": Variant(False),
+    "counted, damped joint": Variant(True, 0.05),
 }
 
 
@@ -127,40 +115,24 @@ def data_set(study: str, index: int) -> Problem:
     )
 
 
-def analyse(study: str, index: int) -> tuple[Posterior, dict[str, float]]:
-    """Posterior of one data set, and the truth."""
-    problem = data_set(study, index)
-    posterior = jb.sample(problem, seed=index, settings=SETTINGS)
-    return posterior, dict(zip(posterior.stiffness_names, STUDIES[study].truth, strict=True))
+def analysed(study: str, index: int) -> Row:
+    """What a run says of each quantity of a data set."""
+    posterior = jb.sample(data_set(study, index), seed=index, settings=SETTINGS)
+    return outcome(posterior, dict(zip(posterior.stiffness_names, STUDIES[study].truth, strict=True)))
 
 
-def section(results: Mapping[str, Any]) -> str:
-    """What stands in docs/imported.md."""
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """How many intervals hold the truth."""
     head = ("noise of the spindle", "k11", "k12", "k22", "loss factor", "model explains the data", "converged")
     rows = []
     for study, data in results.items():
-        names = ("k11", "k12", "k22", "eta")
-        held = [of_sets(data, name) if name in data["coverage"] else "–" for name in names]
-        rows.append((study, *held, f"{data['explained']}", f"{data['converged']}"))
-    return "\n".join([*table(head, rows), "", measured_where(results), ""])
+        held = {name: share(count, data["sets"]) for name, count in data["held"].items()}
+        shares = (held.get(name, "–") for name in ("k11", "k12", "k22", "eta"))
+        rows.append((study, *shares, str(data["explains"]), str(data["converged"])))
+    return table(head, rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=SETS)
-    options = parser.parse_args(arguments)
-    results: dict[str, Any] = {}
-    for study in STUDIES:
-        head = json.dumps([TRUTH, LINES.size, NOISE, repr(STUDIES[study]), repr(SETTINGS)])
-        outcome = partial(row_of, analyse=partial(analyse, study), judged="k22")
-        rows = kept_rows(KEPT / f"{study.replace(', ', '-').replace(' ', '-')}.jsonl", head, options.sets, outcome)
-        results[study] = summary(rows, "k22")
-    print(section(results))
-    if options.sets >= SETS:
-        RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        write_between(PAGE, "measured_body.py", section(results))
-
+STUDY = Study("measured_body", "imported.md", dict.fromkeys(STUDIES, 100), analysed, coverage, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

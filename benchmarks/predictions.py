@@ -4,33 +4,25 @@ The clamp is identified on an overhang of 383 mm; a bar of 300 mm in the same cl
 beam, which knows nothing of jointbayes. Two studies. "frfs": noisy FRFs of a bar that is exactly as modelled.
 "modes": five natural frequencies of bars whose modulus, density and lengths are off as stated, and whose modes are off
 by 0.3 % each, in the test and in the structure that is predicted. The 95 % bands should hold 95 of 100 lines and
-natural frequencies. Pairs are kept in build/predictions as they come; the table goes to docs/predict.md.
-
-    python -m benchmarks.predictions --sets 100
+natural frequencies. The table goes to docs/predict.md.
 """
 
-import argparse
-import json
 import math
-import time
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 import jointbayes as jb
 from benchmarks.exact_beam import ExactBeam, circle
 from benchmarks.page import table
-from benchmarks.record import environment, kept_lines, write_between
+from benchmarks.study import Row, Study, share
 from jointbayes.sampling import SamplerSettings
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS, PAGE = ROOT / "benchmarks" / "predictions.json", ROOT / "docs" / "predict.md"
-KEPT, SETS, ENTROPY = ROOT / "build" / "predictions", 100, 20261128
+ENTROPY = 20261128
 SETTINGS = SamplerSettings(walkers=24, max_steps=2000).for_one_of_many()
 
+KINDS = {"frfs": "FRFs, model exact", "modes": "five frequencies, models wrong by 0.3 %"}
 TESTED, OTHER, RATIO = 0.383, 0.300, 0.01
 LINES = np.arange(20.0, 2500.0, 10.0)
 COUNT, MODES, MODEL_ERROR = 5, 3, 0.003
@@ -85,9 +77,9 @@ def frf(of: ExactBeam, errors: NDArray[np.float64]) -> NDArray[np.complex128]:
     return np.asarray(exact)
 
 
-def pair(kind: str, index: int) -> dict[str, Any]:
+def pair(kind: str, index: int) -> Row:
     """One pair: which lines and natural frequencies of the other bar its bands hold."""
-    rng, began = np.random.default_rng([ENTROPY, index]), time.process_time()
+    rng = np.random.default_rng([ENTROPY, index])
     k11, k22 = 10 ** rng.uniform(7.5, 10), 10 ** rng.uniform(4.5, 6.5)
     stiffness = (k11, rng.uniform(-0.6, 0.9) * math.sqrt(k11 * k22), k22)
     wrong = kind == "modes"
@@ -103,11 +95,9 @@ def pair(kind: str, index: int) -> dict[str, Any]:
     size, low, high = np.abs(truth), found.frf.magnitude_low[:, 0, 0], found.frf.magnitude_high[:, 0, 0]
     ends = [found.interval(mode) for mode in range(1, MODES + 1)]
     return {
-        "index": index,
         "lines": float(((low <= size) & (size <= high)).mean()),
         "frequencies": [bool(a <= f <= b) for (a, b), f in zip(ends, exact, strict=True)],
         "band": float(np.median(high / low)),
-        "seconds": time.process_time() - began,
     }
 
 
@@ -128,67 +118,31 @@ def _data(tested: ExactBeam, errors: NDArray[np.float64], wrong: bool, rng: np.r
     return f'{table_}[uncertain]\nexact = ["model", "youngs_modulus", "density", "length", "damping_ratio"]\n'
 
 
-def rows_of(kind: str, sets: int) -> list[dict[str, Any]]:
-    """All pairs of a study; those that an earlier run kept are not repeated."""
-    KEPT.mkdir(parents=True, exist_ok=True)
-    kept = KEPT / f"{kind}.jsonl"
-    done = {row["index"]: row for row in kept_lines(kept, kind)}
-    for index in range(1, sets + 1):
-        if index not in done:
-            done[index] = row = pair(kind, index)
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-            print(kind, row, flush=True)
-    return [done[index] for index in range(1, sets + 1)]
-
-
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """JSON-ready figures of a study."""
+def summary(rows: Sequence[Row]) -> Row:
+    """Shares of lines and of natural frequencies that bands hold."""
     held = [hit for row in rows for hit in row["frequencies"]]
-    ends = stats.binomtest(sum(held), len(held)).proportion_ci(0.95, method="exact")
+    lines = [row["lines"] for row in rows]
     return {
-        "pairs": len(rows),
-        "lines": float(np.mean([row["lines"] for row in rows])),
-        "lines_se": float(np.std([row["lines"] for row in rows]) / math.sqrt(len(rows))),
+        "lines": float(np.mean(lines)),
+        "lines_se": float(np.std(lines) / math.sqrt(len(rows))),
         "held": sum(held),
         "frequencies": len(held),
-        "interval95": list(map(float, ends)),
         "band": float(np.median([row["band"] for row in rows])),
-        "seconds": float(np.median([row["seconds"] for row in rows])),
     }
 
 
-def page_of(kept: dict[str, Any]) -> str:
+def tables(results: Mapping[str, Row]) -> list[str]:
     """The table."""
-    head = ["Test", "Pairs", "Lines held", "Natural frequencies held", "Width of the band, median"]
-    names = {"frfs": "FRFs, model exact", "modes": "five frequencies, models wrong by 0.3 %"}
-    rows = [
-        [
-            names[kind],
-            str(r["pairs"]),
-            f"{100 * r['lines']:.1f} ± {100 * r['lines_se']:.1f} %",
-            f"{r['held']} of {r['frequencies']} ({100 * r['interval95'][0]:.0f} to {100 * r['interval95'][1]:.0f} %)",
-            f"{100 * (r['band'] - 1):.2g} %",
-        ]
-        for kind, r in kept["rows"].items()
-    ]
-    where = kept["environment"]
-    return "\n".join(table(head, rows)) + f"\n\n{where['date']}, {where['cpu']}, Python {where['python']}, one core."
+    head = ("Test", "Pairs", "Lines held", "Natural frequencies held", "Width of the band, median")
+    rows = []
+    for kind, data in results.items():
+        lines = f"{100 * data['lines']:.1f} ± {100 * data['lines_se']:.1f} %"
+        held, band = share(data["held"], data["frequencies"]), f"{100 * (data['band'] - 1):.2g} %"
+        rows.append((KINDS[kind], str(data["sets"]), lines, held, band))
+    return table(head, rows)
 
 
-def main() -> None:
-    """Run the studies, keep the figures and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", type=int, default=SETS, help="pairs in each study")
-    parser.add_argument("--kind", choices=["frfs", "modes"], action="append")
-    options = parser.parse_args()
-    rows = {kind: summary(rows_of(kind, options.sets)) for kind in options.kind or ("frfs", "modes")}
-    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"rows": {}}
-    kept = {"environment": environment(), "rows": kept["rows"] | rows}
-    print(json.dumps(rows, indent=1))
-    RESULTS.write_text(json.dumps(kept, indent=1) + "\n")
-    write_between(PAGE, "predictions.py", page_of(kept))
-
+STUDY = Study("predictions", "predict.md", dict.fromkeys(KINDS, 100), pair, summary, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

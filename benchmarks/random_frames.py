@@ -11,9 +11,7 @@ Howson, W. P., Williams, F. W. (1973). Natural frequencies of frames with axiall
 Sound and Vibration 26(4), 503-515. DOI 10.1016/S0022-460X(73)80216-0
 """
 
-import argparse
-import sys
-import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +20,7 @@ from scipy.linalg import expm
 
 import jointbayes as jb
 from benchmarks.exact_beam import rectangle
-from benchmarks.mode_found import TOLERANCE
+from benchmarks.study import Row, Study
 from jointbayes.identification import refine
 from vibrecords import FrfData, FrfSet
 
@@ -30,6 +28,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 COUNT = 40
+#: Log posterior that the search may end below a climb from the truth.
+TOLERANCE = 1.0
 #: Steel, and the loss factor of the members.
 YOUNGS_MODULUS, POISSONS_RATIO, DENSITY, LOSS_FACTOR = 2.1e11, 0.3, 7800.0, 0.01
 NOISE = 0.02
@@ -186,50 +186,29 @@ def _list(labels: object) -> str:
     return str(list(labels)).replace("'", '"')  # type: ignore[call-overload]
 
 
-@dataclass(frozen=True)
-class Found:
-    """One search: how far it ended above a climb from the truth in log posterior, its misfit, and seconds of CPU."""
-
-    seed: int
-    springs: int
-    above: float
-    squares: float
-    seconds: float
-
-    @property
-    def found(self) -> bool:
-        """Whether the search ended at the mode."""
-        return self.above > -TOLERANCE
-
-
-def search(seed: int, driven: str | None = None) -> Found:
-    """Search the mode of one frame, and climb from the truth to compare."""
+def search(seed: int, driven: str | None = None) -> Row:
+    """How far one search ends above a climb from the truth in log posterior, and its misfit."""
     frame = Frame(seed, driven)
     problem = frame.problem()
-    began = time.process_time()
     estimate = jb.find_map(problem, seed=seed)
-    seconds = time.process_time() - began
-    truth = problem.parametrisation.coordinates(frame.stiffness)
-    start, from_truth = refine(problem.log_posterior, truth)
+    start, from_truth = refine(problem.log_posterior, problem.parametrisation.coordinates(frame.stiffness))
     total, count = problem.log_posterior.typical_squares(start)
-    return Found(seed, frame.count, estimate.log_posterior - from_truth, total / count, seconds)
+    return {"springs": frame.count, "above": estimate.log_posterior - from_truth, "squares": total / count}
 
 
-def main() -> None:
-    """Search and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=COUNT, help=f"frames; default {COUNT}")
-    parser.add_argument("--seed", type=int, default=0, help="of the first; default 0")
-    parser.add_argument("--driven", choices=("head", "tip"), help="where every arm is hit; default its free end")
-    options = parser.parse_args()
-    outcomes = []
-    for seed in range(options.seed, options.seed + options.count):
-        outcomes.append(search(seed, options.driven))
-        print(outcomes[-1], flush=True)
-    found = sum(outcome.found for outcome in outcomes)
-    print(f"{found} of {len(outcomes)} modes found, {sum(o.seconds for o in outcomes):.0f} s of CPU together")
-    sys.exit(found < len(outcomes))
+def summary(rows: Sequence[Row]) -> Row:
+    """How many modes are found."""
+    return {"found": sum(row["above"] > -TOLERANCE for row in rows), "least": min(row["above"] for row in rows)}
 
+
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """One line."""
+    return [
+        f"{one['found']} of {one['sets']} modes found, the worst {one['least']:.3g} off" for one in results.values()
+    ]
+
+
+STUDY = Study("random_frames", "", {"frames": COUNT}, lambda _, index: search(index - 1), summary, tables)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

@@ -5,7 +5,7 @@ import datetime
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -83,48 +83,3 @@ def keep(name: str, data: Mapping[str, Any], options: argparse.Namespace) -> Non
         print(f"written: {json_path}")
     if not options.quick:
         write_between(PAGE, "record.py", page(results))
-
-
-def kept_outcomes(
-    file: Path, head: str, count: int, analysed: Callable[[int], dict[str, Any]], what: str
-) -> list[dict[str, Any]]:
-    """Outcomes 1 to `count` of a study, each with `index` and `seconds`; those kept in a file are not made again."""
-    done = {row["index"]: row for row in kept_lines(file, head)}
-    for index in range(1, count + 1):
-        if index not in done:
-            done[index] = row = analysed(index)
-            with file.open("a", encoding="utf-8") as end:
-                end.write(json.dumps(row) + "\n")
-            print(f"{what} {index} of {count}: {row['seconds']:.1f} s", flush=True)
-    return [done[index] for index in range(1, count + 1)]
-
-
-def record_kind(file: Path, kinds: Iterable[str], kind: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Write what a study found of one kind beside what it found of others; all of them, in the order of kinds."""
-    earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-    both = {**earlier, kind: data}
-    results = {one: both[one] for one in kinds if one in both}
-    file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    return results
-
-
-def kept_lines(file: Path, head: str) -> list[Any]:
-    """What an earlier run of a study kept, one line of JSON each after a head; begun anew if the file has another head.
-
-    The line at which a run was cut off is passed over.
-    """
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    if not lines or lines[0] != head:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(head + "\n", encoding="utf-8")
-        return []
-    found = []
-    for line in lines[1:]:
-        try:
-            found.append(json.loads(line))
-        except ValueError:
-            continue
-    if lines[-1] and len(found) < len(lines) - 1:
-        with file.open("a", encoding="utf-8") as end:
-            end.write("\n")
-    return found

@@ -10,17 +10,12 @@ modulus, density and length as in a workshop, with the usual error of the model.
 the printed 95 % interval holds it; how often it lies outside the 99.9 % interval of the draws, and what light and
 verdict stood there.
 
-Outcomes are kept in build/wrong_model.jsonl as they come, so that a study that was cut off goes on where it was. The
-table of each beam goes to docs/what-can-be-wrong.md.
+The table of each beam goes to docs/what-can-be-wrong.md.
 """
 
-import argparse
-import json
 import math
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +23,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 import jointbayes as jb
-from benchmarks.record import environment, kept_lines, write_between
+from benchmarks.page import table
+from benchmarks.study import Row, Study, holds, outcome
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import AssembledShapes, NaturalFrequencies
@@ -38,9 +34,6 @@ from jointbayes.structure import Structure
 from vibrecords import Antiresonances, ModeData, ModeShapes, Observed
 
 Array = NDArray[np.float64]
-ROOT = Path(__file__).resolve().parents[1]
-KEPT = ROOT / "build" / "wrong_model.jsonl"
-PAGE = ROOT / "docs" / "what-can-be-wrong.md"
 #: Kinds by name, and the part of each by which a length or a modulus is off.
 WRONGS = {
     "nothing": 0.0,
@@ -80,24 +73,14 @@ _MODES, _ZEROS, _SD, _TIP, _MIDDLE = 3, 2, 1e-4, "11:y", "6:y"
 _RATIO_SD = 0.01  # of a ratio, or of 0.3 where that is more
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What one analysis said: stiffnesses held at 95 %, outside 99.9 %, of these identified; the grade of the model."""
-
-    wrong: str
-    beam: str
-    index: int
-    held: tuple[str, ...]
-    outside: tuple[str, ...]
-    identified: tuple[str, ...]
-    grade: str
-    widths: tuple[float, ...]
-    seconds: float
+def analysed(beam: str, index: int) -> Row:
+    """What an analysis says of a beam; indices go through all kinds of wrongness, then again."""
+    kinds = list(WRONGS)
+    return analyse(kinds[(index - 1) % len(kinds)], beam, 1 + (index - 1) // len(kinds))
 
 
-def analyse(wrong: str, beam: str, index: int) -> Outcome:
+def analyse(wrong: str, beam: str, index: int) -> Row:
     """Make data set number so many of a wrong structure, and analyse it."""
-    began = time.process_time()
     length, section = BEAMS[beam]
     text = (_TESTS if "overhangs" in beam else "") + _CASE
     case = jb.case_from_text("wrong model", text.format(length=length, section=section))
@@ -112,25 +95,12 @@ def analyse(wrong: str, beam: str, index: int) -> Outcome:
         tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
     problem = replace(case.problem, tests=tuple(tests))
     posterior = jb.sample(problem, seed=index, premises="usual")
-    widths = tuple(math.log(high / low) for low, high in map(posterior.interval, posterior.stiffness_names))
     assert posterior.model_error is not None
-    said = judged(posterior, truth)
-    return Outcome(wrong, beam, index, *said, posterior.model_error.grade, widths, time.process_time() - began)
-
-
-def judged(posterior: jb.Posterior, truth: Array) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Stiffnesses that the printed interval holds, that lie outside the 99.9 % interval, and of these identified ones.
-
-    `truth` is theirs, shape (q,).
-    """
-    held, outside, identified = [], [], []
-    for name, value in zip(posterior.stiffness_names, truth, strict=True):
-        verdict, (low, high) = posterior.verdict(name), posterior.interval(name, 0.999)
-        ends = verdict.printed95 if verdict.verdict != "identified" else verdict.interval95
-        held += [name] if not value < ends[0] and not value > ends[1] else []
-        outside += [name] if not low <= value <= high else []
-        identified += [name] if outside[-1:] == [name] and verdict.verdict == "identified" else []
-    return tuple(held), tuple(outside), tuple(identified)
+    said = outcome(posterior, dict(zip(posterior.stiffness_names, truth.tolist(), strict=True)))
+    for name, one in said["known"].items():
+        low, high = posterior.interval(name, 0.999)
+        one["outside"] = not low <= one["truth"] <= high
+    return {**said, "wrong": wrong, "grade": posterior.model_error.grade}
 
 
 def _measured(
@@ -205,59 +175,58 @@ def _structure(
     return replace(plain, mass=plain.mass + 0.020 * middle) if wrong.startswith("20 g") else plain
 
 
-def table(outcomes: Sequence[Outcome]) -> str:
-    """Markdown table of one beam, one row for each kind of wrongness."""
-    lines = [
-        "| Wrong | ky, krz held | Any outside 99.9 % (warned, identified) | Warned | Upper/lower of ky, krz |",
-        "|---|---|---|---|---|",
-    ]
+def summary(rows: Sequence[Row]) -> Row:
+    """Counts by kind of wrongness."""
+    found = {}
     for wrong in WRONGS:
-        rows = [one for one in outcomes if one.wrong == wrong]
-        if not rows:
+        some = [row for row in rows if row["wrong"] == wrong]
+        if not some:
             continue
-        outside = [one for one in rows if one.outside]
-        held = ", ".join(str(sum(k in one.held for one in rows)) for k in ("ky", "krz"))
-        warned, identified = sum(_warned(one) for one in outside), sum(bool(one.identified) for one in rows)
-        widths = ", ".join(f"{width:.2f}" for width in np.exp(np.median([one.widths for one in rows], axis=0)))
-        all_warned, of_these = sum(_warned(one) for one in rows), f" ({warned}, {identified})" if outside else ""
-        lines.append(f"| {wrong} | {held} of {len(rows)} | {len(outside)}{of_these} | {all_warned} | {widths} |")
-    where = environment()
-    lines += ["", f"{where['date']}, {where['cpu']}, Python {where['python']}, one core."]
-    return "\n".join(lines)
+        outside = [row for row in some if any(one["outside"] for one in row["known"].values())]
+        of_these = [one for row in outside for one in row["known"].values() if one["outside"]]
+        widths = [[math.log(high / low) for low, high in _intervals(row)] for row in some]
+        found[wrong] = {
+            "beams": len(some),
+            "held": [sum(holds(row["known"][name], "ends") for row in some) for name in ("ky", "krz")],
+            "outside": len(outside),
+            "outside_warned": sum(map(_warned, outside)),
+            "outside_identified": sum(one["verdict"] == "identified" for one in of_these),
+            "warned": sum(map(_warned, some)),
+            "widths": np.exp(np.median(widths, axis=0)).tolist(),
+        }
+    return {"wrong": found}
 
 
-def _warned(outcome: Outcome) -> bool:
-    return outcome.grade in ("large", "impossible")
+def _intervals(row: Row) -> list[tuple[float, float]]:
+    return [tuple(row["known"][name]["interval95"]) for name in ("ky", "krz")]
 
 
-def main() -> None:
-    """Run what is not yet kept, and print and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", type=int, default=20, help="data sets of each kind and beam; default 20")
-    parser.add_argument("--beam", choices=BEAMS, action="append", help="only this one; may be repeated")
-    parser.add_argument("--pilot", action="store_true", help="print only: leave the page as it is")
-    options = parser.parse_args()
-    tuples = ("held", "outside", "identified", "widths")
-    kept = kept_lines(KEPT, "wrong model, 4")
-    outcomes = [Outcome(**{**line, **{name: tuple(line[name]) for name in tuples}}) for line in kept]
-    done = {(one.wrong, one.beam, one.index) for one in outcomes}
-    beams = options.beam or list(BEAMS)
-    for index in range(1, options.sets + 1):
-        for beam in beams:
-            for wrong in WRONGS:
-                if (wrong, beam, index) in done:
-                    continue
-                outcome = analyse(wrong, beam, index)
-                with KEPT.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(outcome)) + "\n")
-                print(outcome, flush=True)
-                outcomes.append(outcome)
-    for beam in beams:
-        of_beam = table([one for one in outcomes if one.beam == beam])
-        print(f"{beam}\n\n{of_beam}\n", flush=True)
-        if not options.pilot:
-            write_between(PAGE, f"wrong_model.py, {beam}", of_beam)
+def _warned(row: Row) -> bool:
+    return row["grade"] in ("large", "impossible")
 
+
+def tables(results: Mapping[str, Row]) -> list[str]:
+    """Table of a beam, one row for each kind of wrongness."""
+    head = ("Wrong", "ky, krz held", "Any outside 99.9 % (warned, identified)", "Warned", "Upper/lower of ky, krz")
+    rows = []
+    for data in results.values():
+        for wrong, one in data["wrong"].items():
+            of_these = f" ({one['outside_warned']}, {one['outside_identified']})" if one["outside"] else ""
+            held, widths = ", ".join(map(str, one["held"])), ", ".join(f"{width:.2f}" for width in one["widths"])
+            counts = (f"{held} of {one['beams']}", f"{one['outside']}{of_these}", str(one["warned"]))
+            rows.append((wrong, *counts, widths))
+    return table(head, rows)
+
+
+STUDY = Study(
+    "wrong_model",
+    "what-can-be-wrong.md",
+    dict.fromkeys(BEAMS, 20 * len(WRONGS)),
+    analysed,
+    summary,
+    tables,
+    page_per_kind=True,
+)
 
 if __name__ == "__main__":
-    main()
+    STUDY.main()

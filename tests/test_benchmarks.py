@@ -8,9 +8,7 @@ import pytest
 from benchmarks import (
     cases,
     jax_model,
-    joint_damping,
     likelihood,
-    measured_body,
     page,
     peers,
     record,
@@ -207,10 +205,3 @@ def test_readme_and_page_carry_what_was_measured():
     results = json.loads(record.RESULTS.read_text(encoding="utf-8"))
     assert page.in_short(results) in (record.PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
     assert page.page(results) in record.PAGE.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("study", [joint_damping, measured_body], ids=lambda study: study.__name__)
-def test_a_page_on_coverage_shows_what_its_study_recorded(study):
-    results = json.loads(study.RESULTS.read_text(encoding="utf-8"))
-    assert study.section(results) in study.PAGE.read_text(encoding="utf-8")
-    assert all(data["data_sets"] == 100 for data in results.values())

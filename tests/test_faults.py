@@ -8,11 +8,11 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from benchmarks.disk_faults import each_change, full_from
 
 import jointbayes as jb
 from jointbayes import workflow
 from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, first_in_ci
+from tests.disk_faults import each_change, full_from
 from vibrecords.files import MARK
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="descriptors are followed by /proc")

@@ -3,9 +3,10 @@
 from graphlib import CycleError
 
 import pytest
-from benchmarks.chains import imports, longest_chain, rooms
 from benchmarks.page import table
 from benchmarks.size import ROOT, longest_functions, sizes
+
+from tests.chains import imports, longest_chain, rooms
 
 SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from benchmarks.simulated import noisy_frf
-from benchmarks.virtual_test import Truth, VirtualTest, simulate
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.frf import DirectSolve, Ports
 from tests.conftest import TABLE_3, cheap_text, edited, pair_matrix
 from tests.one_line import refused
+from tests.simulated import noisy_frf
+from tests.virtual_test import Truth, VirtualTest, simulate
 from vibrecords import CoherenceNoise, FrfSet, RelativeNoise
 from vibrecords.records import FrfRecord, Record, TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits

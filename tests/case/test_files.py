@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.simulated import noisy_frf
 from benchmarks.written_files import FORMATS, write_records
 from click.testing import CliRunner
 
@@ -16,6 +15,7 @@ from jointbayes.inference import GaussianNoise, StudentNoise
 from tests.case.test_structures import MATRICES, text_of
 from tests.conftest import TABLE_3, best_of, cheap_text, cli, edited, pair_matrix, plain_reports
 from tests.one_line import refused
+from tests.simulated import noisy_frf
 from vibrecords import CoherenceNoise, FrfSet, Quantity
 from vibrecords.formats import records_of_frf
 from vibrecords.records import FrfRecord

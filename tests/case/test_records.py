@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.virtual_test import VirtualTest, simulate
 from benchmarks.written_files import write_records
 
 import jointbayes as jb
 from tests.conftest import TABLE_3, best_of, cheap_text, edited
+from tests.virtual_test import VirtualTest, simulate
 from vibrecords.formats import iter_records
 from vibrecords.records import TimeRecord
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.random_frames import search
+from benchmarks.random_frames import TOLERANCE, search
 
 import jointbayes as jb
 from jointbayes.identification import effort, refine
@@ -75,8 +75,8 @@ def test_the_gradient_of_many_springs_is_that_of_differences():
 def test_the_mode_of_a_frame_of_four_to_eight_springs_is_found(seed):
     """Reconstructed motions alone end 9000 and 18 below the mode of seeds 57 and 77 in log posterior."""
     found = search(seed)
-    assert found.found, found
-    assert 0.85 < found.squares < 1.15  # the data are those of the model: another FE code, exact, made them
+    assert found["above"] > -TOLERANCE, found
+    assert 0.85 < found["squares"] < 1.15  # the data are those of the model: another FE code, exact, made them
 
 
 @pytest.mark.science

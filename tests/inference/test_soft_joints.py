@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.calibration_data import VARIANTS, case_of
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
@@ -13,6 +12,7 @@ from jointbayes.identification.starting_points import screened_draws
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.sampling.density import newton_climb
 from tests.conftest import best_of, cheap_text, pair_matrix
+from tests.science.calibration_data import VARIANTS, case_of
 from vibrecords import FrfSet
 
 CALIBRATION = 20220322  # its seed

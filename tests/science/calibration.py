@@ -13,12 +13,12 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from benchmarks.calibration_data import VARIANTS, case_of
 from scipy import stats
 
 from jointbayes.posterior.prediction import replace_values, simulated_values
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
+from tests.science.calibration_data import VARIANTS, case_of
 
 PICKED = 63  # draws among which a truth is ranked: far fewer than the effective ones
 BINS = 8

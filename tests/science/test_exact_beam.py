@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from benchmarks.exact_beam import ExactBeam, circle, rectangle, tube
 
-from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports
+import jointbayes as jb
+from jointbayes.frf import AssembledShapes, DirectSolve, NaturalFrequencies, Ports
 from jointbayes.structure import BeamRecipe, DampingLaw, LossFactor, ModalDamping, Rayleigh, Section, beam
-from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix, rod
+from tests.conftest import CLAMP, CONFIGS, STEEL, TABLE_3, pair_matrix, rod
 from tests.oracles import off_peak
 
 LENGTH = 0.383
@@ -228,3 +229,19 @@ def test_frequencies_of_the_papers_beam_converge_under_refinement():
     # shear deformation inside an element leaves a second-order term, seen once the fourth-order one is gone
     assert (order > 1.8).all()
     assert (order < 4.3).all()
+
+
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e4])
+def test_frequencies_and_antiresonances_of_the_model_are_those_of_a_beam_without_a_mesh(scale):
+    matrix = scale * np.array([[3e7, 2e5], [2e5, 4e4]])
+    stiffness = matrix[0, 0], matrix[0, 1], matrix[1, 1]
+    free, held = (
+        ExactBeam(0.383, circle(0.025, 0.3), 2.1e11, 0.3, 7800.0, {1: 0.0, 11: 0.383}, stiffness, masses=masses)
+        for masses in ({}, {11: 1e6})  # a tip of 1000 tons stands still where it has its antiresonances
+    )
+    frequency, zeros = (beam.modes(20_000.0).omega / (2 * np.pi) for beam in (free, held))
+    test = jb.load_case(CONFIGS / "clamped_beam.toml").problem.test
+    modelled = NaturalFrequencies(test.structures, test.joints, 4).frequency_hz(matrix)[0]
+    np.testing.assert_allclose(modelled, frequency[:4], rtol=1e-8)
+    model = AssembledShapes(test.structures, test.joints, 1, (), [("11:y", number) for number in (1, 2, 3)])
+    np.testing.assert_allclose(model.modes(matrix).zeros_hz[0], zeros[1:4], rtol=5e-7)

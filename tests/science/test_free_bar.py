@@ -29,7 +29,7 @@ def test_the_closed_form_lacks_the_shear_that_the_exact_beam_has():
 @pytest.mark.parametrize("index", first_in_ci([1, 2, 3], 1))
 @pytest.mark.parametrize("kind", [ALL_ELSE_EXACT, FROM_ONE])
 def test_no_spring_of_a_free_bar_is_identified(kind, index):
-    said = {name: one["verdict"] for name, one in free_bar.analysed(kind, index)["stiffness"].items()}
+    said = free_bar.analysed(kind, index)["verdicts"]
     assert said.keys() == {"k11", "k12", "k22"}
     assert "identified" not in said.values()
     assert "weakly identified" not in said.values()
@@ -43,18 +43,3 @@ def test_modes_that_are_counted_from_1_are_warned_of(kind):
     warnings = [str(warning) for warning in free_bar.case_of(kind, 1).warnings]
     named = [text for text in warnings if "fit far better as those of modes 3, 4, 5 than of modes 1, 2, 3" in text]
     assert len(named) == (kind == FROM_ONE)
-
-
-@pytest.mark.docs
-def test_verdicts_are_counted_and_those_kept_not_made_again(tmp_path, monkeypatch):
-    said = {1: "bounded above", 2: "no verdict", 3: "bounded above"}
-
-    def analysed(_kind, index):
-        return {"index": index, "seconds": 2.0, "stiffness": {"k22": {"verdict": said[index]}}}
-
-    monkeypatch.setattr(free_bar, "analysed", analysed)
-    free_bar.outcomes(FROM_ONE, 2, tmp_path / "kept.jsonl")
-    del said[1]
-    data = free_bar.summary(free_bar.outcomes(FROM_ONE, 3, tmp_path / "kept.jsonl"))
-    assert data["verdicts"] == {"k22": {"bounded above": 2, "no verdict": 1}}
-    assert f"| {FROM_ONE} | 3 | 0 | 0 | 2 | 0 | 0 | 1 |" in free_bar.section({FROM_ONE: data})

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from benchmarks.virtual_test import Truth, simulate
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
@@ -16,6 +15,7 @@ from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES
 from tests.science.calibration import simulated_problem
 from tests.studies.test_calibration_simulation import require_no_score
+from tests.virtual_test import Truth, simulate
 
 
 def case_of(more, base=BASE):

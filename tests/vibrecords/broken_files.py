@@ -8,9 +8,9 @@ import zipfile
 import h5py
 import numpy as np
 import scipy.io
-from benchmarks.made_files import function_58, header_164
 from benchmarks.written_files import write_records
 
+from tests.vibrecords.made_files import function_58, header_164
 from vibrecords import FrfSet
 from vibrecords.formats import records_of_frf
 

@@ -10,9 +10,9 @@ import nptdms
 import numpy as np
 import pytest
 import scipy.io
-from benchmarks.made_files import matlab_4
 
 from tests.vibrecords.array_trees import WRITERS
+from tests.vibrecords.made_files import matlab_4
 from tests.vibrecords.reading import put, records_of, refusal
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
 from vibrecords.records import FrfRecord, TimeRecord

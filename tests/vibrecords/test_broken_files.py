@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.made_files import function_58
 from benchmarks.written_files import FORMATS, write_records
 
 from tests.fuzz.mutations import damaged_bytes
 from tests.vibrecords.broken_files import MAKERS
+from tests.vibrecords.made_files import function_58
 from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_formats import frf_set
 from vibrecords.errors import MeasurementError

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 from benchmarks import written_files
-from benchmarks.made_files import function_58, head, lvm
 
 from tests.vibrecords.broken_files import FRF, npz_bytes
+from tests.vibrecords.made_files import function_58, head, lvm
 from tests.vibrecords.reading import put
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError

@@ -5,9 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 import pyuff
-from benchmarks.made_files import function_58, header_164
 from benchmarks.written_files import write_frf
 
+from tests.vibrecords.made_files import function_58, header_164
 from tests.vibrecords.reading import records_of
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError

@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 import pyuff
-from benchmarks.made_files import function_58, header_164, mode_55
 from benchmarks.written_files import write_records
 
+from tests.vibrecords.made_files import function_58, header_164, mode_55
 from tests.vibrecords.reading import records_of, refusal
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, uff_data_sets

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.simulated import half_sine
 
+from tests.simulated import half_sine
 from vibrecords.errors import MeasurementError
 from vibrecords.records import TimeRecord
 from vibrecords.signals.hits import HitSettings, find_hits, is_clipped, reject_overloads

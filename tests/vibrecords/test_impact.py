@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.one_line import refused
+from tests.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import join_frfs
 from vibrecords.records import TimeRecord

@@ -7,8 +7,8 @@ import nptdms
 import numpy as np
 import openpyxl
 import pytest
-from benchmarks.made_files import STEP, clock, head, lvm, segment, tdms
 
+from tests.vibrecords.made_files import STEP, clock, head, lvm, segment, tdms
 from tests.vibrecords.reading import require
 from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, spectrum, time
 from vibrecords.errors import MeasurementError

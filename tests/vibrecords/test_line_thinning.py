@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from benchmarks.simulated import lines_apart
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
+from tests.simulated import lines_apart
 from vibrecords.signals.windows import (
     effective_averages,
     exponential_window,

@@ -9,8 +9,8 @@ from time import process_time
 
 import numpy as np
 import pytest
-from benchmarks.made_files import function_58
 
+from tests.vibrecords.made_files import function_58
 from tests.vibrecords.reading import put, records_of
 from tests.vibrecords.test_labview_layouts import xlsx
 from vibrecords.assemble import read_measurement

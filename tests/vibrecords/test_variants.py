@@ -1,8 +1,9 @@
 """Files of the kinds that were once read wrong: each is right, or asked in one line whose remedy makes it right."""
 
 import pytest
-from benchmarks.file_variants import VARIANTS, outcome
-from benchmarks.public_layouts import LAYOUTS
+
+from tests.vibrecords.file_variants import VARIANTS, outcome
+from tests.vibrecords.public_layouts import LAYOUTS
 
 
 @pytest.mark.parametrize("name", VARIANTS | LAYOUTS)

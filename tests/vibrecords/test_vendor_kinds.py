@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 import scipy.io
-from benchmarks.made_files import function_58, head, lvm, matlab_4, mode_55
 
+from tests.vibrecords.made_files import function_58, head, lvm, matlab_4, mode_55
 from tests.vibrecords.reading import put, records_of
 from tests.vibrecords.test_formats_containers import matlab_element
 from vibrecords.errors import MeasurementError

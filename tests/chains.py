@@ -1,4 +1,4 @@
-"""How far one has to follow imports inside a room: `python -m benchmarks.chains` prints the longest chain of each.
+"""How far one has to follow imports inside a room: `python -m tests.chains` prints the longest chain of each.
 
 An import counts wherever it stands, within a function and for a type checker too. A package's `__init__.py` hands names
 on: whoever imports one from it imports the file that has it, and the `__init__.py` is no link of a chain.

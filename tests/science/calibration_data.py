@@ -10,7 +10,7 @@ from pathlib import Path
 
 import jointbayes as jb
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BASE = ROOT / "configs" / "clamped_beam.toml"
 
 #: Edits of the main case: 151 lines at tip and mid-span, a noise floor, and a prior on the joint that is proper.

@@ -1,4 +1,4 @@
-"""Layouts of which users of other readers reported that they cannot be read: `python -m benchmarks.public_layouts`.
+"""Layouts of which users of other readers reported that they cannot be read.
 
 Each is rebuilt here from the report with numbers of our own; its name says where it was reported.
 """
@@ -7,9 +7,9 @@ import re
 
 import numpy as np
 
-from benchmarks import made_files
-from benchmarks.file_variants import FORCE, MODES, RATE, SEEN, TIME, TIP, Variant, report, write_bytes
-from benchmarks.made_files import binary_58, function_58, mode_55
+from tests.vibrecords import made_files
+from tests.vibrecords.file_variants import FORCE, MODES, RATE, SEEN, TIME, TIP, Variant, write_bytes
+from tests.vibrecords.made_files import binary_58, function_58, mode_55
 
 RNG = np.random.default_rng(22)
 G = 9.80665
@@ -119,6 +119,3 @@ LAYOUTS = {
     "npTDMS 64": Variant("TDMS", write_bytes(_scaled(0.001)), histories={"hammer": ROUNDED}),
     "npTDMS 120": Variant("TDMS", write_bytes(_scaled(0.001, 2.0)), histories={"hammer": 2 * ROUNDED}),
 }  # fmt: skip
-
-if __name__ == "__main__":
-    report(LAYOUTS)

@@ -1,12 +1,10 @@
-"""Sixty and more files like those that were once read wrong: `python -m benchmarks.file_variants`.
+"""Sixty and more files like those that were once read wrong.
 
 Each is a variant of one of the kinds that analysers write and no test of a reader was made for. A file counts as
 right where each number of it is the truth, as asked where its unit stays open or one line names the key whose value
 makes it right, and as wrong where it is read as something else without a word.
 """
 
-import tempfile
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,9 +14,8 @@ import h5py
 import numpy as np
 import scipy.io
 
-from benchmarks import made_files
-from benchmarks.made_files import binary_58, clock, function_58, matlab_4
-from benchmarks.page import table
+from tests.vibrecords import made_files
+from tests.vibrecords.made_files import binary_58, clock, function_58, matlab_4
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
 from vibrecords.records import FrfRecord, ModeRecord, Record, TimeRecord
@@ -473,21 +470,3 @@ def _modes() -> dict[str, Variant]:
 
 _MAKERS = (_si, _two_sided, _containers, _side_channels, _matrices, _complex_text, _polar, _universal, _modes)
 VARIANTS = {f"{v.kind}: {name}": v for make in _MAKERS for name, v in make().items()}
-
-
-def report(variants: Mapping[str, Variant]) -> None:
-    """Print each variant and how it ends, and the count by kind."""
-    ends: dict[str, Counter[str]] = {}
-    for name, variant in variants.items():
-        with tempfile.TemporaryDirectory() as folder:
-            end, line = outcome(variant, Path(folder))
-        ends.setdefault(variant.kind, Counter())[end] += 1
-        print(f"{end:8s} {name}: {line}")
-    words = ("right", "asked", "refused", "wrong")
-    rows = [*ends.items(), ("all", sum(ends.values(), Counter()))]
-    cells = [[kind, str(n.total()), *(str(n[word]) for word in words)] for kind, n in rows]
-    print(*table(["kind", "n", *words], cells), sep="\n")
-
-
-if __name__ == "__main__":
-    report(VARIANTS)

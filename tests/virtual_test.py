@@ -9,7 +9,15 @@ from typing import Literal
 import numpy as np
 import scipy  # its parts load at first use
 
-from benchmarks.simulated import (
+from jointbayes.case.case import AnyCase, Case, require_case
+from jointbayes.case.case_objects import CaseTest, generator_of, true_family, true_stiffness
+from jointbayes.case.spec.data_table import SyntheticFrfSpec
+from jointbayes.errors import CaseError, MeasurementError
+from jointbayes.frf import NaturalFrequencies, Ports, receptance_model, rigid_body_modes
+from jointbayes.joint import JointMatrix
+from jointbayes.reproducibility import one_blas_thread
+from jointbayes.structure import Body
+from tests.simulated import (
     ChannelNoise,
     Hammer,
     Rig,
@@ -19,14 +27,6 @@ from benchmarks.simulated import (
     noisy_frf,
     shaker_records,
 )
-from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.case.case_objects import CaseTest, generator_of, true_family, true_stiffness
-from jointbayes.case.spec.data_table import SyntheticFrfSpec
-from jointbayes.errors import CaseError, MeasurementError
-from jointbayes.frf import NaturalFrequencies, Ports, receptance_model, rigid_body_modes
-from jointbayes.joint import JointMatrix
-from jointbayes.reproducibility import one_blas_thread
-from jointbayes.structure import Body
 from vibrecords import FrfSet, quantity_factor
 from vibrecords.arrays import Array
 from vibrecords.formats import records_of_frf
