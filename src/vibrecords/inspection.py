@@ -180,22 +180,79 @@ def contents_of(
 def contents_of_records(
     records: Iterable[Record], mass_kg: float | None = None, band_hz: Band = (None, None)
 ) -> Inspection:
-    """As `contents_of`, for records that come one by one."""
-    contents, found = _Contents(WarningCollector(mass_kg, band_hz)), Inspection()
+    """As `contents_of`, for records that come one by one: each is counted, and a few are kept."""
+    found, collector = Inspection(), WarningCollector(mass_kg, band_hz)
+    averages: set[int] = set()
+    coherences: list[tuple[float, float]] = []
+    drive_points: list[FrfRecord] = []
+    others: list[FrfRecord] = []
+    hits: list[HitTrace] = []
+    histories: list[TimeRecord] = []
+    modes: list[ModeRecord] = []
+    samples = 0
+
+    def keep(frf: FrfRecord) -> None:
+        response, reference, _ = pair_of(frf)
+        kept = drive_points if response == reference else others
+        if len(kept) < _KEPT and frf.frequency_hz.size > 1:
+            kept.append(frf)
+
     for record in records:
-        contents.add(record, found)
-    made, note = ([], "") if contents.frfs else _frfs_of_hits(contents)
-    for record in made:
-        contents.collector.add(record)
-        contents.keep_frf(record)
-    warnings, conjugated = contents.collector.warnings(), bool(contents.collector.conjugated)
+        collector.add(record)
+        found.notes.update(record.notes)
+        uses = [found.channels.setdefault(label, ChannelCount()) for label in labels_of(record)]
+        coherence = None
+        match record:
+            case TimeRecord():
+                size, rate = record.values.size, record.sample_rate_hz
+                span = f"{size} samples, {size / rate:.6g} s at {rate:.6g} Hz"
+                kind = f"time history: {record.quantity}{_unit(record.unit)}; {span}"
+                uses[0].histories += 1
+                uses[0].quantities[record.quantity] += 1
+                hits += [
+                    _trace(record, hit, drawn=len(hits) + i < _HITS_DRAWN) for i, hit in enumerate(hits_of(record))
+                ]
+                samples += size
+                histories += [record] * (samples <= _SAMPLES_KEPT)
+            case ModeRecord():
+                kind = "mode"
+                modes += [record] * (len(modes) < _MODES_KEPT)
+            case SpectrumRecord():
+                kind = f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {_span(record.frequency_hz)}"
+                uses[0].spectra += 1
+            case CoherenceRecord():
+                kind, coherence = f"coherence, without its FRF; {_span(record.frequency_hz)}", record.values
+            case FrfRecord():
+                words = f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}"
+                kind, coherence = f"{words}; {_span(record.frequency_hz)}", record.coherence
+                uses[0].as_response += 1
+                uses[1].as_force += 1
+                uses[0].quantities[record.quantity or "unknown"] += 1
+                keep(record)
+        found.kinds[kind] += 1
+        if isinstance(record, (FrfRecord, CoherenceRecord)) and record.averages is not None:
+            averages.add(record.averages)
+        if coherence is not None and (finite := coherence[np.isfinite(coherence)]).size:
+            coherences.append((float(finite.min()), float(np.median(finite))))
+    made, note = ([], "") if drive_points or others else _frfs_of_hits(histories, samples)
+    for frf in made:
+        collector.add(frf)
+        keep(frf)
+    warnings, conjugated = collector.warnings(), bool(collector.conjugated)
     if conjugated:
         found.notes["the resonances are those of the complex conjugates of the FRFs"] += 1
-    lows, medians = zip(*contents.coherence, strict=True) if contents.coherence else ((), ())
-    coherence = (min(lows), float(np.median(medians))) if lows else None
-    found = replace(found, averages=tuple(sorted(contents.averages)), coherence=coherence, hits=tuple(contents.hits))
-    found = replace(found, frfs=contents.frfs, conjugated=conjugated, warnings=warnings, modes_note=note)
-    return replace(found, listed_modes=tuple(contents.modes))
+    lows, medians = zip(*coherences, strict=True) if coherences else ((), ())
+    return replace(
+        found,
+        averages=tuple(sorted(averages)),
+        coherence=(min(lows), float(np.median(medians))) if lows else None,
+        frfs=(*drive_points, *others),
+        conjugated=conjugated,
+        hits=tuple(hits),
+        listed_modes=tuple(modes),
+        warnings=warnings,
+        modes_note=note,
+    )
 
 
 @np.errstate(all="ignore")
@@ -221,9 +278,15 @@ def with_resonances(inspection: Inspection, band_hz: Band = (None, None)) -> Ins
         if same and np.array_equal(record.frequency_hz, clean[0].frequency_hz):
             group.setdefault(record.response, record)
     members = list(group.values())[:_KEPT]
-    driven_hz = _driven_hz(members)
-    low = max((end for end in (band_hz[0], driven_hz[0]) if end is not None), default=None)
-    high = min((end for end in (band_hz[1], driven_hz[1]) if end is not None), default=None)
+    # ends of the band that was driven, by the FRF that shows most of it; None where that is the end of the lines
+    lines = members[0].frequency_hz
+    driven = [whole.driven(record).frequency_hz for record in members if (whole := ClearFrf.of(record))]
+    first, last = min((f[0] for f in driven), default=0.0), max((f[-1] for f in driven), default=np.inf)
+    driven_low = float(first) if lines.size and first > lines[0] else None
+    driven_high = float(last) if lines.size and last < lines[-1] else None
+    driven_hz = driven_low, driven_high
+    low = max((end for end in (band_hz[0], driven_low) if end is not None), default=None)
+    high = min((end for end in (band_hz[1], driven_high) if end is not None), default=None)
     modes_of = tuple(f"{r.response}/{r.reference}" for r in members)
     inspection = replace(inspection, modes_of=modes_of, driven_hz=driven_hz)
     coherences = [r.coherence for r in members if r.averages and r.coherence is not None]
@@ -235,89 +298,6 @@ def with_resonances(inspection: Inspection, band_hz: Band = (None, None)) -> Ins
         return replace(inspection, modes_note=str(error))
     note = "" if fit.modes else "none stands out of the noise"
     return replace(inspection, modes=fit.modes, doubtful=fit.doubtful, modes_note=note)
-
-
-def _driven_hz(members: list[FrfRecord]) -> Band:
-    """Ends of the band that was driven, by the FRF that shows most of it; None where that is the end of the lines."""
-    lines = members[0].frequency_hz
-    if not lines.size:
-        return None, None
-    driven = [whole.driven(record) for record in members if (whole := ClearFrf.of(record))]
-    low = min((part.frequency_hz[0] for part in driven), default=0.0)
-    high = max((part.frequency_hz[-1] for part in driven), default=np.inf)
-    return None if low <= lines[0] else float(low), None if high >= lines[-1] else float(high)
-
-
-@dataclass(slots=True)
-class _Contents:
-    """What is kept of the records until the last has come."""
-
-    collector: WarningCollector
-    averages: set[int] = field(default_factory=set)
-    coherence: list[tuple[float, float]] = field(default_factory=list)
-    drive_points: list[FrfRecord] = field(default_factory=list)
-    others: list[FrfRecord] = field(default_factory=list)
-    hits: list[HitTrace] = field(default_factory=list)
-    histories: list[TimeRecord] = field(default_factory=list)
-    modes: list[ModeRecord] = field(default_factory=list)
-    samples: int = 0
-
-    def add(self, record: Record, found: Inspection) -> None:
-        """Count a record in what was found, and keep what is asked for later."""
-        self.collector.add(record)
-        found.notes.update(record.notes)
-        uses, kind = [found.channels.setdefault(label, ChannelCount()) for label in labels_of(record)], "mode"
-        match record:
-            case TimeRecord():
-                kind = self._add_history(record, uses[0])
-            case ModeRecord():
-                self.modes += [record] * (len(self.modes) < _MODES_KEPT)
-            case SpectrumRecord():
-                kind = f"spectrum, no FRF: {record.kind}{_unit(record.unit)}; {_span(record.frequency_hz)}"
-                uses[0].spectra += 1
-            case CoherenceRecord():
-                kind = f"coherence, without its FRF; {_span(record.frequency_hz)}"
-                self._add_coherence(record.averages, record.values)
-            case FrfRecord():
-                words = f"FRF: {record.quantity or 'unknown quantity'}{_unit(record.unit)}"
-                kind = f"{words}; {_span(record.frequency_hz)}"
-                self._add_coherence(record.averages, record.coherence)
-                uses[0].as_response += 1
-                uses[1].as_force += 1
-                uses[0].quantities[record.quantity or "unknown"] += 1
-                self.keep_frf(record)
-        found.kinds[kind] += 1
-
-    def _add_coherence(self, averages: int | None, coherence: Array | None) -> None:
-        if averages is not None:
-            self.averages.add(averages)
-        if coherence is not None and (finite := coherence[np.isfinite(coherence)]).size:
-            self.coherence.append((float(finite.min()), float(np.median(finite))))
-
-    def _add_history(self, record: TimeRecord, use: ChannelCount) -> str:
-        """What the record is, in words."""
-        use.histories += 1
-        use.quantities[record.quantity] += 1
-        size, rate = record.values.size, record.sample_rate_hz
-        for hit in hits_of(record):
-            self.hits.append(_trace(record, hit, drawn=len(self.hits) < _HITS_DRAWN))
-        self.samples += size
-        if self.samples <= _SAMPLES_KEPT:
-            self.histories.append(record)
-        span = f"{size} samples, {size / rate:.6g} s at {rate:.6g} Hz"
-        return f"time history: {record.quantity}{_unit(record.unit)}; {span}"
-
-    def keep_frf(self, record: FrfRecord) -> None:
-        """Keep the first FRFs of drive points and the first others."""
-        response, reference, _ = pair_of(record)
-        kept = self.drive_points if response == reference else self.others
-        if len(kept) < _KEPT and record.frequency_hz.size > 1:
-            kept.append(record)
-
-    @property
-    def frfs(self) -> tuple[FrfRecord, ...]:
-        """FRFs that were kept."""
-        return (*self.drive_points, *self.others)
 
 
 def _span(frequency_hz: Array) -> str:
@@ -346,20 +326,20 @@ def _trace(record: TimeRecord, hit: Hit, *, drawn: bool) -> HitTrace:
     return HitTrace(record.channel, hit, time, np.array(record.values[first:last]))
 
 
-def _frfs_of_hits(contents: _Contents) -> tuple[list[FrfRecord], str]:
+def _frfs_of_hits(histories: list[TimeRecord], samples: int) -> tuple[list[FrfRecord], str]:
     """FRFs of a hammer's records that hold one hit each, and why there are none."""
     from vibrecords.signals.impact import impact_frfs
     from vibrecords.signals.spectra import sort_by_force
 
-    if not contents.histories:
+    if not histories:
         return [], "there is no FRF"
-    if contents.samples > _SAMPLES_KEPT:
+    if samples > _SAMPLES_KEPT:
         return [], f"the records have more than {_SAMPLES_KEPT} samples: of these only `run` makes FRFs"
-    forces = [r for r in contents.histories if r.quantity == "force"]
+    forces = [r for r in histories if r.quantity == "force"]
     if not forces or any(len(hits_of(r)) != 1 for r in forces):
         return [], "the records are not one hit each: a case makes FRFs of them"
     try:
-        results = [impact_frfs(force, responses) for force, responses in sort_by_force(contents.histories) if responses]
+        results = [impact_frfs(force, responses) for force, responses in sort_by_force(histories) if responses]
     except MeasurementError as error:
         return [], f"no FRFs could be made of the hits: {error}"
     return [result.frf for result in chain.from_iterable(results)], ""
@@ -384,9 +364,23 @@ def contents_text(inspection: Inspection) -> Iterator[str]:
         yield f"  coherence: smallest {inspection.coherence[0]:.4f}, median {inspection.coherence[1]:.4f}"
     yield from ("", f"Channels ({len(inspection.channels)})")
     width = max((len(label) for label in inspection.channels), default=0)
-    yield from _first_lines(inspection.channels, lambda label, use: f"  {label:<{width}}  {_dof(label)}{_use(use)}")
-    yield from _stated_modes(inspection)
-    yield from _hit_lines(inspection)
+    yield from _first_lines(inspection.channels, lambda label, use: f"  {label:<{width}}  {_use(label, use)}")
+    if inspection.listed_modes:
+        yield from ("", f"Modes in the file ({inspection.kinds['mode']})")
+    for mode in inspection.listed_modes:
+        sd = "" if mode.frequency_sd_hz is None else f" ± {mode.frequency_sd_hz:.2g}"
+        damping = "" if mode.damping_ratio is None else f"   damping {100 * mode.damping_ratio:.4g} %"
+        spread = "" if mode.damping_sd is None or not damping else f" ± {100 * mode.damping_sd:.2g} %"
+        where = f"   shape at {len(mode.shape)} DOFs" if mode.shape else ""
+        yield f"  {mode.number:>3}  {mode.frequency_hz:>10.6g}{sd} Hz{damping}{spread}{where}"
+    yield from _more_line(inspection.kinds.get("mode", 0))
+    if inspection.hits:
+        yield from ("", f"Hits ({len(inspection.hits)})")
+    for trace in inspection.hits[:_LISTED]:
+        hit, fate = trace.hit, "kept" if trace.hit.kept else f"LEFT OUT: {trace.hit.reason}"
+        pulse = f"{hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms{_reach(trace)}"
+        yield f"  {trace.channel} hit {hit.number}: {pulse}, {fate}"
+    yield from _more_line(len(inspection.hits))
     if inspection.notes:
         yield from ("", "Done on reading")
         yield from _first_lines(inspection.notes, lambda note, count: f"  {note}" + f" ({count} times)" * (count > 1))
@@ -415,31 +409,6 @@ def resonances_text(inspection: Inspection) -> Iterator[str]:
         yield f"  {doubt.frequency_hz:.6g} Hz: {doubt.reason}"
 
 
-def _stated_modes(inspection: Inspection) -> Iterator[str]:
-    """Modes that the file itself states."""
-    if inspection.listed_modes:
-        yield from ("", f"Modes in the file ({inspection.kinds['mode']})")
-    for mode in inspection.listed_modes:
-        sd = "" if mode.frequency_sd_hz is None else f" ± {mode.frequency_sd_hz:.2g}"
-        damping = "" if mode.damping_ratio is None else f"   damping {100 * mode.damping_ratio:.4g} %"
-        spread = "" if mode.damping_sd is None or not damping else f" ± {100 * mode.damping_sd:.2g} %"
-        where = f"   shape at {len(mode.shape)} DOFs" if mode.shape else ""
-        yield f"  {mode.number:>3}  {mode.frequency_hz:>10.6g}{sd} Hz{damping}{spread}{where}"
-    yield from _more_line(inspection.kinds.get("mode", 0))
-
-
-def _hit_lines(inspection: Inspection) -> Iterator[str]:
-    if not inspection.hits:
-        return
-    yield from ("", f"Hits ({len(inspection.hits)})")
-    for trace in inspection.hits[:_LISTED]:
-        hit = trace.hit
-        verdict = "kept" if hit.kept else f"LEFT OUT: {hit.reason}"
-        pulse = f"{hit.peak_n:.4g} N, {1e3 * hit.width_s:.3g} ms{_reach(trace)}"
-        yield f"  {trace.channel} hit {hit.number}: {pulse}, {verdict}"
-    yield from _more_line(len(inspection.hits))
-
-
 def _reach(trace: HitTrace) -> str:
     """From which frequency on the force of a hit is less than a tenth of its largest spectral line."""
     if trace.force_n.size < 2:
@@ -452,18 +421,15 @@ def _reach(trace: HitTrace) -> str:
     return f", 20 dB down at {(top + below[0]) * step_hz:.3g} Hz" if below.size else ""
 
 
-def _dof(label: str) -> str:
+def _use(label: str, use: ChannelCount) -> str:
+    """What a channel is: its node and direction, and what it is used for."""
     dof = parse_dof(label)
-    if dof is None or dof.direction == 0:
-        return "no direction; "
-    return f"node {dof.node}, direction {dof_label(dof).rpartition(':')[2]}; "
-
-
-def _use(use: ChannelCount) -> str:
+    place = f"node {dof.node}, direction {dof_label(dof).rpartition(':')[2]}; " if dof and dof.direction else ""
     roles = (("response", use.as_response), ("force", use.as_force))
     parts = [f"{role} of {count} FRF{'s' * (count > 1)}" for role, count in roles if count]
     parts += [f"{n} {what}" for what, n in (("time histories", use.histories), ("spectra", use.spectra)) if n]
-    return ", ".join(parts) + (f" ({', '.join(use.quantities)})" if use.quantities else "")
+    quantities = f" ({', '.join(use.quantities)})" if use.quantities else ""
+    return (place or "no direction; ") + ", ".join(parts) + quantities
 
 
 def _digits(sd: float) -> int:

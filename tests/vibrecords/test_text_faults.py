@@ -164,7 +164,7 @@ BROKEN = {
     "real and phase": ("f [Hz],Real [g/N],Phase [deg]\n" + REST, "found phase and real of ''"),
     "a part of the second FRF": (cut(TWO, "Imag C", "Imag D") + rows(F, M, P, M, P), "found real of 'C / B'"),
     "misspelt names": (cut(cut(FRF, "Real", "Rael"), "Imag ", "Imagnary ") + REST,
-                       "column 2 'Rael' .unknown, perhaps real., column 3 'Imagnary' .unknown, perhaps imaginary."),
+                       "column 2 'Rael' .unknown., column 3 'Imagnary' .unknown."),
     "names of no part": ("Frequency [Hz],a,b\n" + REST, "column 2 'a' .unknown., column 3 'b' .unknown.; expected"),
     "no axis": ("Force [N],Tip [g]\n" + rows(A, B), "no column of frequency or time"),
     "an axis that falls": ("Abscissa,Real,Imag\n" + rows(F[::-1], M, P), "expected one whose numbers rise"),

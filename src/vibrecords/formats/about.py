@@ -7,18 +7,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from vibrecords.formats.names import NAMES
 from vibrecords.formats.read import detect_format
 from vibrecords.formats.table_text import plain_text
 from vibrecords.formats.uff_data_sets import scan
 from vibrecords.records import refuse_damage
 
-#: Words of files for what they say of a test; a number or a remark in brackets behind them is passed over.
-_WORDS = {
-    "specimen": r"specimen|test (?:object|item|piece)|dut|unit under test|serial (?:number|no\.?)",
-    "date": r"date|date of (?:the )?test|test date|measured on|date ?time",
-    "operator": r"operator|tested by|measured by|engineer|author|test engineer",
-    "instruments": r"instruments?|analy[sz]er|equipment|sensors?",
-}
 _LINE = re.compile(r"[\s#%;*/\"']*([A-Za-z][A-Za-z ._]{1,30}?)\s*[:=\t,;]\s*(.*?)[\s,;\"']*")
 _ORDERS = ("%Y-%m-%d", "%Y/%m/%d", "%d-%b-%y", "%d-%b-%Y", "%d.%m.%Y", "%d %b %Y", "%d %B %Y", "%Y%m%d")
 _HEAD, _LONGEST, _MOST_SETS = 40, 200, 50
@@ -44,7 +38,7 @@ def about_file(path: str | Path) -> dict[str, str]:
     kind = detect_format(path)
     pairs = {"uff": _of_uff, "tdms": _of_tdms, "lvm": _of_text, "table": _of_text}.get(kind, lambda _path: ())
     for words, text in pairs(path):
-        key = next((key for key, known in _WORDS.items() if re.fullmatch(known, words.strip().lower())), "")
+        key = next((key for key, known in NAMES["about"].items() if re.fullmatch(known, words.strip().lower())), "")
         value = _day(text) if key == "date" else " ".join(text.split())[:_LONGEST]
         if key and value and value.isprintable() and value.lower() not in ("none", "n/a", "unknown"):
             about.setdefault(key, value)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, require_one_of
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.units import TIME_S, UNIT_ATTRIBUTES, read_sensor_unit, scaled
+from vibrecords.formats.names import NAMES, words_of
+from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
 from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
 
 #: Key of a layout that states what no file says.
@@ -20,66 +21,12 @@ RATE_KEY = 'sample_rate_hz = "1024" with your own rate in Hz'
 #: Roles of axes of frequency and time.
 _AXIS_ROLES = ("frequency", "omega", "time")
 #: Names by which each array is known, the one we write first; compared without regard to case.
-ALIASES: dict[str, tuple[str, ...]] = {
-    "frequency_hz": ("frequency_hz", "frequency", "frequencies", "freq", "freqs", "freq_hz", "f_hz", "f", "ff"),
-    "omega": ("omega_rad_s", "omega"),
-    "frf": ("frf", "h", "frfs"),
-    "outputs": ("outputs", "output", "responses", "response_channels"),
-    "inputs": ("inputs", "input", "references", "reference_channels"),
-    "quantity": ("quantity",),
-    "unit": UNIT_ATTRIBUTES,
-    "coherence": ("coherence", "coh", "gamma2"),
-    "averages": ("averages", "n_averages", "navg"),
-    "sample_rate_hz": ("sample_rate_hz", "sample_rate", "fs"),
-    "time": ("time", "time_s", "t"),
-    "samples": ("samples",),
-    "channels": ("channels", "channel"),
-    "quantities": ("quantities",),
-    "hits": ("hits",),
-}
+ALIASES = {key: tuple(names.split()) for key, names in NAMES["arrays"].items()}
 #: Time histories that stand under the name of what was measured.
 SENSORS = ("force", "displacement", "velocity", "acceleration", "response")
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\d_A-Z]+|\d+")
-
-
-def _words(text: str) -> frozenset[str]:
-    return frozenset(text.split())
-
-
-_FREQUENCY = _words("freq freqs frequency frequencies frq frequenz frequence fréquence hz khz")
-_RATES = _words("fs samplerate samplingrate")
-_SAMPLING, _START = _words("sample samples sampling samp"), _words("start min first begin 0")
-_STEP = _words("df step res resolution inc increment delta spacing")
-_LIMIT = _words("max end stop upper lower last center centre cutoff limit limits stamp zone")
-_QUANTITIES: dict[Quantity, frozenset[str]] = {
-    "receptance": _words("recep receptance receptances compliance admittance"),
-    "mobility": _words("mob mobility mobilities"),
-    "accelerance": _words("accelerance accelerances inertance"),
-}
-_BESIDE_F = _words("f axis vec vector hz khz rad s") | _START | _STEP
-#: Words of an FRF wherever they stand in a name, and those that count only at its beginning.
-_FRF = _words("frf frfs transfer txy hxy").union(*_QUANTITIES.values())
-_FRF_FIRST = _words("h hf hv tf")
-#: Words that tell the role wherever they stand in a name; the first role that fits is taken.
-_ROLES: tuple[tuple[str, frozenset[str]], ...] = (
-    ("meta", _words("unit units label labels names title comment date index idx nat natural mode modes damping")),
-    ("coherence", _words("coherence coh cxy msc kohärenz gamma")),
-    (
-        "spectrum",
-        _words(
-            "psd asd csd fft spec spectrum spectra autospectrum autopower cross rms gxx gyy gxy gff gxf pxx pyy pxy"
-        ),
-    ),
-    ("phase", _words("phase phs phi angle ang arg")),
-    ("magnitude", _words("mag magnitude amp ampl amplitude abs modulus betrag db")),
-    ("imaginary", _words("imag im imaginary")),
-    ("real", _words("real re")),
-)
-_SIGNAL = _words(
-    "x y u acc accel acceleration force hammer resp response signal signals data values ch chan channel ai input "
-    "output disp displacement vel velocity sig excitation impact sensor"
-)
-_HINTS = _words("deg degree degrees rad radian radians db ms khz mhz")
+_ROLES, _QUANTITIES, _WORDS = (words_of(table) for table in ("roles", "quantities", "words"))
+_FRF = _WORDS["frf"].union(*_QUANTITIES.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,33 +77,35 @@ def meaning_of(name: str) -> Meaning:
     role = {"frequency_hz": "frequency", "sample_rate_hz": "rate"}.get(role, role)
     if small in SENSORS or re.fullmatch(r"time_chan_\d+", small):
         role = "signal"
-    role = role or next((role for role, its in _ROLES if words & its), "") or _axis(words)
-    if not role and (words & _FRF or not _FRF_FIRST.isdisjoint(tokens[:1])):
+    role = role or next((role for role, its in _ROLES.items() if words & its), "") or _axis(words)
+    if not role and (words & _FRF or not _WORDS["frf_first"].isdisjoint(tokens[:1])):
         role = "frf"
-    if not role and words & _SIGNAL:
+    if not role and words & _WORDS["signal"]:
         role = "signal"
     quantity = next((q for q, its in _QUANTITIES.items() if words & its), None)
-    used = dict(_ROLES).get(role, frozenset()) | _FRF | _FRF_FIRST | _HINTS | {"time", "chan", "channel"}
-    return Meaning(role, words - used, words & _HINTS, quantity)
+    used = _ROLES.get(role, frozenset()) | _FRF | _WORDS["frf_first"] | _WORDS["hints"] | {"time", "chan", "channel"}
+    return Meaning(role, words - used, words & _WORDS["hints"], cast(Quantity | None, quantity))
 
 
 def _axis(words: frozenset[str]) -> str:
     """Role of a name of an axis, or of a number that makes one."""
-    frequency = words & _FREQUENCY or ({"f"} <= words <= _BESIDE_F)
-    if (words & _SAMPLING and words & (_FREQUENCY | {"rate", "second"})) or words & _RATES:
+    next_to_f = _WORDS["next_to_f"] | _WORDS["start"] | _WORDS["step"]
+    frequency = words & _WORDS["frequency"] or ({"f"} <= words <= next_to_f)
+    sampling = words & _WORDS["sampling"]
+    if (sampling and words & (_WORDS["frequency"] | {"rate", "second"})) or words & _WORDS["rates"]:
         return "rate"
-    if words in ({"dt"}, {"ts"}, {"delta", "t"}) or (words & _SAMPLING and words & _words("time interval period")):
+    if words in ({"dt"}, {"ts"}, {"delta", "t"}) or (sampling and words & _WORDS["interval"]):
         return "interval"
     if "omega" in words or (words & {"rad"} and (frequency or "w" in words)):
         return "omega"
-    if words == {"w"} or words & _LIMIT:
+    if words == {"w"} or words & _WORDS["limit"]:
         return "w" if words == {"w"} else ""
-    if "df" in words or (frequency and words & _STEP):
+    if "df" in words or (frequency and words & _WORDS["step"]):
         return "f_step"
     if frequency:
-        return "f_start" if words & _START else "frequency"
+        return "f_start" if words & _WORDS["start"] else "frequency"
     numbered = {word for word in words if not word.isdecimal()}  # t1, t2
-    return "time" if words & _words("time zeit temps") or numbered in ({"t"}, {"t", "s"}) else ""
+    return "time" if words & _WORDS["time"] or numbered in ({"t"}, {"t", "s"}) else ""
 
 
 # ---- arrays of one struct or group

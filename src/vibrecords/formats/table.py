@@ -166,7 +166,7 @@ class _Group:
         if not meant and with_units:
             factor, converted = None, [_UNITLESS]
         word = self.comments.get("quantity", "").lower()
-        named = next((quantity for quantity, words in headers.QUANTITY_WORDS if re.fullmatch(words, word)), None)
+        named = next((quantity for quantity, words in headers.QUANTITIES.items() if words.fullmatch(word)), None)
         response, reference, unnamed = _channels(name, self.comments.get("channel", ""))
         used = sorted(parts[role] for role in (*roles, "coherence") if role in parts)
         where = f"columns {', '.join(str(i + 1) for i in used[:-1])} and {used[-1] + 1}"

@@ -4,7 +4,6 @@ Names of columns are read in English, German and French; which are axes is told 
 """
 
 import csv
-import difflib
 import itertools
 import re
 import warnings
@@ -18,34 +17,22 @@ import numpy as np
 
 from vibrecords.arrays import Array, Quantity
 from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.formats.names import NAMES
 from vibrecords.formats.units import TIME_S, frequency_factor, is_of_two_signals, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, half_a_digit, require_short
 
 Role = Literal[
     "frequency", "time", "real", "imaginary", "magnitude", "phase", "coherence", "spectrum", "index", "other"
 ]
-#: Words for each role, looked for at the beginning or end of a name: those that an underscore may join to others, and
-#: short ones that it may not ("RE_11" is a channel).
-WORDS: dict[Role, tuple[str, str]] = {
-    "frequency": (r"frequency|frequenz|fr[eé]quence|freq\.?|frq|omega", "f|ω"),
-    "time": (r"time|zeit|temps", "t"),
-    "coherence": (r"coherence|koh[äa]e?renz|coh[eé]rence|gamma2|γ²|γ2", "coh"),
-    "real": (r"real ?part|realteil|partie r[eé]elle|r[eé]elle|real", "re"),
-    "imaginary": (
-        r"imaginary ?part|imag\.? ?part|imagin[äa]e?rteil|partie imaginaire|imaginary|imaginaire|imag\.?",
-        "im",
-    ),
-    "magnitude": (r"magnitude|amplitude|betrag|modulus|module|gain|mag", "abs"),
-    "phase": (r"phasenwinkel|phase|angle|winkel", "arg|phi|φ"),
-}
+#: Words for each role, looked for at the beginning or end of a name: long ones and short ones.
+WORDS: dict[Role, tuple[str, str]] = {cast(Role, role): tuple(words) for role, words in NAMES["columns"].items()}
 #: Roles of the columns of an FRF, of which it needs real and imaginary part, or magnitude and phase.
 FRF_ROLES: tuple[Role, ...] = ("real", "imaginary", "magnitude", "phase", "coherence")
-QUANTITY_WORDS: tuple[tuple[Quantity, str], ...] = (
-    ("accelerance", r"accelerance|inertance|a[kc][zc]eleranz|inertanz|acc[eé]l[eé]rance"),
-    ("mobility", r"mobility|mobilit[äa]e?t|mobilit[eé]"),
-    ("receptance", r"receptance|compliance|admittance|nachgiebigkeit|rezeptanz|r[eé]ceptance|souplesse"),
-)
-_QUANTITIES = tuple((quantity, re.compile(rf"\b(?:{words})\b", re.IGNORECASE)) for quantity, words in QUANTITY_WORDS)
+#: Words for the quantity of an FRF.
+QUANTITIES: dict[Quantity, re.Pattern[str]] = {
+    cast(Quantity, quantity): re.compile(rf"\b(?:{words})\b", re.IGNORECASE)
+    for quantity, words in NAMES["column_quantities"].items()
+}
 _LONG = "|".join(f"(?P<{role}>{long})" for role, (long, _) in WORDS.items())
 _SHORT = "|".join(f"(?P<{role}_>{short})" for role, (_, short) in WORDS.items())
 _FIRST = re.compile(rf"(?:{_LONG})(?![^\W_]|:)|(?:{_SHORT})(?![\w:])", re.IGNORECASE)
@@ -113,7 +100,7 @@ def column_of(header: str) -> Column:
     if not unit and (axis := axis_role(name)):
         return Column(axis, "", name, header=name)
     quantity: Quantity | None = None
-    for candidate, words in _QUANTITIES:
+    for candidate, words in QUANTITIES.items():
         shorter = words.sub(" ", name)
         if shorter != name:
             quantity, name = candidate, " ".join(shorter.split())
@@ -176,18 +163,11 @@ def _is_unit_of(role: Role, word: str) -> bool:
 
 
 def describe(columns: Sequence[Column], numbers: Sequence[int] | None = None) -> str:
-    """Columns, all or some, by number, name and role, with the nearest word where there is none: for messages."""
-    words = [word for long, _ in WORDS.values() for word in re.findall(r"[a-z]{4,}", long)]
-
-    def role_of(column: Column) -> str:
-        if column.role != "other":
-            return column.role
-        near = difflib.get_close_matches(column.header.lower()[:30], words, 1, 0.7)
-        return f"unknown, perhaps {near[0]}" if near else "unknown"
-
-    which = range(len(columns)) if numbers is None else numbers
-    shown = ", ".join(f"column {i + 1} {columns[i].header[:24]!r} ({role_of(columns[i])})" for i in which[:8])
-    return shown + (f" and {len(which) - 8} more" if len(which) > 8 else "")
+    """Columns, all or some, by number, name and role, for messages."""
+    which = [(i, columns[i]) for i in (range(len(columns)) if numbers is None else numbers)]
+    roles = ["unknown" if column.role == "other" else column.role for _, column in which]
+    shown = [f"column {i + 1} {c.header[:24]!r} ({role})" for (i, c), role in zip(which[:8], roles, strict=False)]
+    return ", ".join(shown) + (f" and {len(which) - 8} more" if len(which) > 8 else "")
 
 
 def spectrum_kind(column: Column) -> str:
@@ -488,7 +468,7 @@ def _apply_stated(columns: list[Column], comments: dict[str, str]) -> None:
             if of_axis and axis_role(value) and not columns[0].unit and columns[0].role in (axis_role(value), "other"):
                 columns[0] = replace(columns[0], role=cast(Role, axis_role(value)), name="", unit=value)
             elif not of_axis and (parse_unit(value) is not None or value.lower().startswith("db")):
-                side = next((side for side, words in _SIDES.items() if re.search(rf"\b(?:{words})\b", key)), "")
+                side = next((side for side, words in NAMES["sides"].items() if re.search(rf"\b(?:{words})\b", key)), "")
                 sides[side] = sides[side] or value
     unit = sides[""] or (f"({sides['response']})/({sides['force']})" if sides["response"] and sides["force"] else "")
     shared = "vertical units" in comments or columns[0].role != "time" or len(columns) == 2
@@ -501,13 +481,6 @@ def _apply_stated(columns: list[Column], comments: dict[str, str]) -> None:
         columns[1:] = [replace(c, role="spectrum", name=c.header or kind) for c in columns[1:]]
     elif column_of(kind).role == "coherence" and len(columns) == 2 and columns[1].role == "other":
         columns[1] = replace(columns[1], role="coherence", name=columns[1].header)
-
-
-#: Words in keys above the numbers that say whose unit it is.
-_SIDES = {
-    "response": "response|output|numerator|acceleration|sensor|antwort|beschleunigung|réponse",
-    "force": "force|reference|input|excitation|denominator|hammer|kraft|anregung",
-}
 
 
 def _split_complex(lines: Lines, found: dict[tuple[int, ...], int]) -> Lines:

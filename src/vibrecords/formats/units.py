@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
+from vibrecords.formats.names import NAMES
 
 Q = TypeVar("Q")
 
@@ -293,17 +294,10 @@ def _read(
     return factor, quantity, [f"{label} converted to {si_unit(quantity)}"] if factor != 1 else []
 
 
-#: Names in small letters of attributes that state a unit: of h5py users, netCDF and LabVIEW.
-UNIT_ATTRIBUTES = (
-    *("unit", "units", "unit_string", "ni_unitdescription", "unit_str", "unitstring", "y_unit", "yunit", "y_units"),
-    *("yunits", "unit_label", "unit_name", "engineering_unit", "engineering_units", "eu"),
-)
-
-
 def unit_attribute(attributes: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """What the attributes of a channel state as its unit, whatever the case of their names; None where they do not."""
     small = {key.strip().lower(): value for key, value in attributes.items()}
-    stated = (small[key] for key in UNIT_ATTRIBUTES if key in small)
+    stated = (small[key] for key in NAMES["arrays"]["unit"].split() if key in small)
     return next((value for value in stated if np.asarray(value).astype(str).any()), None)
 
 

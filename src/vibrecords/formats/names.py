@@ -1,0 +1,12 @@
+"""The names and words that readers know: the table is names.toml."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+NAMES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+
+
+def words_of(table: str) -> dict[str, frozenset[str]]:
+    """Words of each key of a table."""
+    return {key: frozenset(text.split()) for key, text in NAMES[table].items()}
