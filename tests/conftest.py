@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from jointbayes.case import case
 from jointbayes.case.case import Case, case_from_text
-from jointbayes.case.case_text import read_case_text
+from jointbayes.case.case_text import read_case_text, without_key
+from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
 from jointbayes.cli.common import FAULT_OF_THE_PROGRAM
 from jointbayes.frf import AnyStructure
@@ -238,6 +239,14 @@ def edited(text: str, *changes: tuple[str, str]) -> str:
         assert old in text, f"{old!r} is not in the text"
         text = text.replace(old, new, 1)
     return text
+
+
+def shipped_without(name: str, *keys: str) -> str:
+    """The text of a shipped case without some keys or tables, ``"joints.taper.prior"``."""
+    data = read_case_text(CONFIGS / f"{name}.toml").data
+    for key in keys:
+        data = without_key(data, tuple(key.split(".")))
+    return toml_text(data)
 
 
 def on_paper_elements(name: str) -> Case:

@@ -16,8 +16,9 @@ import click
 import pytest
 from benchmarks import quoted
 
-from jointbayes.case.case_text import read_case_text
+from jointbayes.case.case_text import read_case_text, without_key
 from jointbayes.case.parse import parse_tests
+from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
 from tests.conftest import cli
 from tests.pages import ROOT
@@ -57,12 +58,8 @@ BRACKET = (
     f'structure = {{ {STEEL}, directions = ["x", "y", "rz"], section = {{ shape = "circle", diameter_mm = 20.0 }}, '
     f"points = {{ tip = [0, 0, 0], end = [400, 0, 0] }} }}\n{MODE}"
 )
+TIE = 'data = { kind = "natural_frequencies", frequencies_hz = [27.0, 64.6, 118.6], sd_relative = 0.001 }\n'
 #: What stands around a block that is a part of a case; of others the case that `init` writes.
-TIE = """
-extends = "minimal.toml"
-remove = ["joint", "data"]
-data = { kind = "natural_frequencies", frequencies_hz = [27.0, 64.6, 118.6], sd_relative = 0.001 }
-""".lstrip()
 AROUND = {
     "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
     "spindle-tool-1": 'extends = "spindle_tool.toml"\n',
@@ -84,9 +81,14 @@ AROUND = {
 
 def written(folder, name, base, text):
     """A case file that lays a text over another file; a table with a kind takes nothing of that."""
-    tables = [key for key, value in tomllib.loads(text).items() if isinstance(value, dict) and "kind" in value]
-    more = ["data.truth.k11", "data.truth.k12", "data.truth.k22"] if "data.truth" in text else []
-    head = "" if text.startswith("extends") else f'extends = "{base}"\nremove = {tables + more}\n'.replace("'", '"')
+    stated = tomllib.loads(text)
+    gone = [(key,) for key, value in stated.items() if isinstance(value, dict) and "kind" in value]
+    gone += [("joint",)] * ("joints" in stated) + [("data", "truth")] * ("data.truth" in text)
+    data = read_case_text(folder / base).data
+    for path in gone:
+        data = without_key(data, path)
+    (folder / f"rest_of_{name}").write_text(toml_text({"title": name, **data}), encoding="utf-8")
+    head = "" if text.startswith("extends") else f'extends = "rest_of_{name}"\n'
     (folder / name).write_text(head + text, encoding="utf-8")
 
 

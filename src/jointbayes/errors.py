@@ -127,6 +127,7 @@ WENT = {
     "Level": "leave it out; tests with joints of their own have ratios in the report",
     "assembly": "delete the table; with own = true each test has a joint of its own, to be compared in their ratio",
     "virtual_test": "delete the table, nothing is simulated from a case",
+    "remove": "delete it; a table of another kind, law, shape, distribution or source replaces the inherited one",
     "--resume": "leave it out, a run takes seconds and begins again",
     "--draws": "leave it out: a campaign keeps all draws of each case",
     "--again": "leave it out: a campaign tries all cases again that are not done",

@@ -53,15 +53,39 @@ def test_each_key_keeps_the_file_and_line_it_stands_in(tmp_path):
     assert text.place(("prior", "k11", "none")) == (base, 11)
 
 
-def test_what_is_removed_is_gone_with_all_below_it(tmp_path):
-    case = write(
-        tmp_path,
-        base=BASE,
-        case='extends = "base.toml"\nremove = ["data", "structure.damping.ratio", "title"]\n[data]\nkind = "modes"\n',
-    )
-    data = read_case_text(case).data
-    assert (data["data"], data["structure"]["damping"]) == ({"kind": "modes"}, {"law": "modal"})
-    assert "title" not in data
+OTHERS = """
+data = { kind = "measured_frf", file = "a.uff", low = 1 }
+structure = { kind = "frame", damping = { law = "modal", ratio = 1 }, bodies = { nose = { side = 1 } } }
+joint.dofs = ["1:y"]
+joints.left.dofs = ["1:y"]
+prior = { k11 = { distribution = "log_uniform", low = 2 }, k12.low = 3 }
+"""
+
+
+@pytest.mark.parametrize(("over", "changed"), [
+    ('data = { kind = "measured_frf", file = "b.uff" }', {"data": {"kind": "measured_frf", "file": "b.uff", "low": 1}}),
+    ('data.kind = "modes"', {"data": {"kind": "modes"}}),
+    ('structure.damping = { law = "loss_factor" }', {
+        "structure": {"kind": "frame", "damping": {"law": "loss_factor"}, "bodies": {"nose": {"side": 1}}}}),
+    ('structure.kind = "beam"', {"structure": {"kind": "beam"}}),
+    ('joint.kind = "coupled"', {"joint": {"dofs": ["1:y"], "kind": "coupled"}}),  # as it is where nothing is stated
+    ('joint.kind = "springs"', {"joint": {"kind": "springs"}, "prior": None}),
+    ('joint.parametrisation = "signed"\nprior.rho.low = -1', {
+        "joint": {"dofs": ["1:y"], "parametrisation": "signed"}, "prior": {"rho": {"low": -1}}}),
+    ('prior.k11 = { distribution = "normal" }', {"prior": {"k11": {"distribution": "normal"}, "k12": {"low": 3}}}),
+    ('joints.left.kind = "springs"', {"joints": {"left": {"kind": "springs"}}}),
+    ('bodies.nose.file = "n.uff"', {"bodies": {"nose": {"file": "n.uff"}}, "structure": {
+        "kind": "frame", "damping": {"law": "modal", "ratio": 1}, "bodies": {}}}),
+])  # fmt: skip
+def test_a_table_of_another_kind_replaces_that_of_the_base(tmp_path, over, changed):
+    case = write(tmp_path, base=OTHERS, case=f'extends = "base.toml"\n{over}\n')
+    text = read_case_text(case)
+    wanted = {key: table for key, table in {**tomllib.loads(OTHERS), **changed}.items() if table is not None}
+    assert text.data == wanted
+    for path in text.places:  # what is gone stands nowhere
+        table = wanted
+        for key in path:
+            table = table[key]
 
 
 def test_a_chain_is_laid_over_from_its_end(tmp_path):

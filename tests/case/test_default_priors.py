@@ -9,10 +9,11 @@ import pytest
 import jointbayes as jb
 from jointbayes.inference.default_prior import default_prior
 from tests.case.refusal_rows import parts_named
-from tests.conftest import CONFIGS, edited
+from tests.conftest import CONFIGS, edited, shipped_without
 from tests.one_line import refused
 
 BEAM, DATA, RING, MATRICES, SWAPPED, CHAIN = parts_named("default_priors").values()
+REST = shipped_without("spindle_measured", "joints.taper")
 MODULUS = 210e9
 UPRIGHT, FLAT = MODULUS * 0.1**3 * 0.005 / 12, MODULUS * 0.005**3 * 0.1 / 12
 
@@ -69,9 +70,7 @@ def test_a_frame_is_as_long_as_the_body_is_and_may_be_a_ring():
 
 
 def test_a_short_member_at_the_joint_does_not_make_a_body_stiff():
-    case = jb.case_from_text(
-        "stub", 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n', directory=CONFIGS
-    )
+    case = jb.case_from_text("stub", shipped_without("spindle_tool", "joints.taper.prior"))
     prior = dict(zip(case.problem.prior.names, case.problem.prior.marginals, strict=True))
     bending = MODULUS * np.pi * 0.063**4 / 64
     for name, size, truth in (("taper.ky", bending / 0.09**3, 6e8), ("taper.krz", bending / 0.09, 1.2e6)):
@@ -88,8 +87,8 @@ def test_matrices_have_the_stiffness_of_each_dof():
 
 @pytest.mark.whole
 def test_a_joint_that_names_the_measured_body_first_has_the_default_priors_of_the_modelled_one():
-    swapped = SWAPPED + 'against = ["holder.flange:y", "holder.flange:rz"]\n'
-    usual = 'extends = "spindle_measured.toml"\nremove = ["joints.taper.prior"]\n'
+    swapped = REST + SWAPPED + 'against = ["holder.flange:y", "holder.flange:rz"]\n'
+    usual = shipped_without("spindle_measured", "joints.taper.prior")
     first, second = (jb.case_from_text("first", text, directory=CONFIGS).problem for text in (swapped, usual))
     assert first.prior.marginals == second.prior.marginals
     np.testing.assert_array_equal(first.initial, second.initial)
@@ -97,7 +96,7 @@ def test_a_joint_that_names_the_measured_body_first_has_the_default_priors_of_th
 
 def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it():
     refused(
-        lambda: jb.case_from_text("ground", SWAPPED, directory=CONFIGS),
+        lambda: jb.case_from_text("ground", REST + SWAPPED, directory=CONFIGS),
         jb.CaseError,
         r"joints\.taper\.prior: found no prior; expected one for a joint",
     )
@@ -105,8 +104,8 @@ def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it()
         f'{name} = {{ distribution = "log_uniform", low = {low}, high = {high} }}\n'
         for name, low, high in (("ky", 1e6, 1e10), ("krz", 1e4, 1e8))
     )
-    problem = jb.case_from_text("ground", SWAPPED + stated, directory=CONFIGS).problem
-    assert problem.initial[:2] == pytest.approx([1e8, 1e6])
+    problem = jb.case_from_text("ground", REST + SWAPPED + stated, directory=CONFIGS).problem
+    assert problem.initial[-2:] == pytest.approx([1e8, 1e6])
 
 
 def hung(coupling: float, joint: float) -> jb.Case:
@@ -144,8 +143,8 @@ def test_a_case_knows_which_priors_no_one_stated():
     assert hung(8e3, 2e3).default_priors == {"kx"}
     stated = '[prior.kx]\ndistribution = "log_uniform"\nlow = 10.0\nhigh = 1e6\n'
     assert jb.case_from_text("stated", hung(8e3, 2e3).text + stated).default_priors == frozenset()
-    stub = 'extends = "spindle_tool.toml"\nremove = ["joints.taper.prior"]\n'
-    assert jb.case_from_text("stub", stub, directory=CONFIGS).default_priors == {"taper.ky", "taper.krz"}
+    stub = shipped_without("spindle_tool", "joints.taper.prior")
+    assert jb.case_from_text("stub", stub).default_priors == {"taper.ky", "taper.krz"}
     assert jb.load_case(CONFIGS / "spindle_tool.toml").default_priors == frozenset()
 
 

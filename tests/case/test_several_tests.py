@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import jointbayes as jb
 from jointbayes.case.parse import parse_case, parse_tests
 from tests.case.refusal_rows import case_text_named, parts_named
-from tests.conftest import CLAMP, PAIR, TABLE_3, edited, pair_matrix
+from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix
 from tests.one_line import refused
 
 BASE = case_text_named("tests")
@@ -57,13 +57,6 @@ def test_the_order_of_tables_and_what_a_test_replaces_are_those_of_extends():
     assert (first.structure.length_mm, second.structure.length_mm) == (383.0, 200.0)
     assert (second.structure.section, second.data.noise) == (first.structure.section, first.data.noise)
     assert parse_case(BASE + TWO) == first
-
-
-def test_what_a_test_removes_is_taken_out_of_the_rest_of_the_file():
-    heard = edited(HEARD, ('["data"]', '["data", "uncertain.damping_ratio"]'))
-    specs = parse_tests(BASE + "[uncertain.damping_ratio]\nsd_percent = 10.0\n" + TWO + heard)
-    assert (specs["heard"].data.kind, list(specs["heard"].uncertain.given)) == ("natural_frequencies", [])
-    assert list(specs["long"].uncertain.given) == ["damping_ratio"]
 
 
 def test_what_a_test_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
@@ -133,12 +126,12 @@ def test_noise_is_that_of_all_tests_or_of_each():
 
 def test_a_case_with_tests_may_be_built_on_another(tmp_path):
     (tmp_path / "base.toml").write_text(BASE + TWO)
-    text = 'extends = "base.toml"\nremove = ["tests.short.data"]\n[tests.mid.structure]\nlength_mm = 300.0\n'
+    text = 'extends = "base.toml"\n[tests.mid.structure]\nlength_mm = 300.0\n'
     (tmp_path / "case.toml").write_text(text)
     case = jb.load_case(tmp_path / "case.toml")
     lengths = {one.name: one.spec.structure.length_mm for one in case.tests}
     assert lengths == {"long": 383.0, "short": 200.0, "mid": 300.0}
-    assert [part.test.data.frf.outputs for part in case.problem.parts] == [("11:y",)] * 3
+    assert [part.test.data.frf.outputs for part in case.problem.parts] == [("11:y",), ("11:y", "6:y"), ("11:y",)]
     whole = jb.case_from_text("case", case.text)
     theta = np.log(TABLE_3)[None]
     assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
@@ -174,15 +167,15 @@ def test_a_test_named_like_a_joint_is_refused():
 
 
 def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
-    """So are the lists and tables that name them, and what a case takes of the one that it builds on."""
+    """So are the lists and tables that name them, and what a case lays over the one that it builds on."""
     today = BASE + TWO + '\n[left_out]\ntests = ["short"]\n'
     older = re.sub(r"(?<=[\[.])tests(?=[.\]])|(?<=\n)tests(?= =)", "setups", today)
     assert (older.count("setups"), parse_tests(older)) == (4, parse_tests(today))
     (tmp_path / "older.toml").write_text(older, encoding="utf-8")
     (tmp_path / "over.toml").write_text(
-        'extends = "older.toml"\nremove = ["setups.short", "left_out"]\n', encoding="utf-8"
+        'extends = "older.toml"\n[setups.third.structure]\nlength_mm = 300.0\n', encoding="utf-8"
     )
-    assert [test.name for test in jb.load_case(tmp_path / "over.toml").problem.tests] == ["long"]
+    assert [test.name for test in jb.load_case(tmp_path / "over.toml").problem.tests] == ["long", "third"]
     with pytest.raises(jb.CaseError, match=rf"^case:{older.count(chr(10)) + 1}: tests.short.nonsense: "):
         parse_tests(older + "[setups.short.nonsense]\n")
     refused(lambda: parse_tests(older + "[tests.other]\n"), jb.CaseError, "setups")

@@ -26,7 +26,7 @@ from jointbayes.posterior.decision import (
 )
 from jointbayes.posterior.model_errors import InferredError
 from jointbayes.workflow import answered_problem, sample_quickly
-from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod
+from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod, shipped_without
 from vibrecords import ModeData, Observed
 from vibrecords.mode_data import renumbered
 
@@ -246,6 +246,7 @@ extends = "clamped_beam_frequencies_360mm.toml"
 title = "Three frequencies"
 structure = { elements = 4 }
 """
+MEASURED = "frequencies_hz = [120.0, 762.0, 2101.0], sd_relative = 0.005, sd_hz = 0.5"
 SHAPES = "{ dofs = ['3:y'], reference = '5:y', components = [[0.5], [-0.4], [0.3]], sd = 0.05 }"
 
 
@@ -260,7 +261,7 @@ BODY = ("youngs_modulus", "density", "length")
         (BODY, "", True, (), ""),
         (["density"], "", True, ("youngs_modulus", "length"), "Young's modulus or length is further off"),
         ([], "", True, BODY, "Young's modulus, density or length is further off"),
-        ([], f"data = {{ kind = 'modes', shapes = {SHAPES} }}", True, BODY, ""),
+        ([], f"data = {{ kind = 'modes', {MEASURED}, shapes = {SHAPES} }}", True, BODY, ""),
     ],
 )
 def test_typed_modes_have_an_error_of_the_model_unless_it_is_exact_and_say_what_they_do_not_show(
@@ -414,14 +415,9 @@ def test_springs_and_shifts_of_what_moves_all_modes_have_a_grade_and_are_named(s
 
 @pytest.mark.whole
 def test_a_run_of_modes_of_which_the_first_was_not_measured_is_read_again(tmp_path):
-    text = """
-extends = "measured_stations.toml"
-remove = ["uncertain.model_error", "data.channels", "data.rotations", "reference"]
-title = "From the second mode on"
-structure = { elements = 4 }
-data.f_min_hz = 400.0
-data.channels = { "Point:11:Y+" = "5:y" }
-"""
+    text = shipped_without("measured_stations", "uncertain.model_error", "data.channels", "data.rotations", "reference")
+    text = edited(text, ("elements = 10", "elements = 4"), ("f_min_hz = 20.0", "f_min_hz = 400.0"))
+    text += '[data.channels]\n"Point:11:Y+" = "5:y"\n'
     case = jb.case_from_text("from the second on", text, directory=CONFIGS)
     posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     assert posterior.problem.premises.modes[0].number == 2

@@ -28,8 +28,6 @@ from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
 HEARD = """
-[tests.heard]
-remove = ["data"]
 [tests.heard.structure]
 length_mm = 200.0
 [tests.heard.data]

@@ -1,8 +1,8 @@
 """The text of a case: its own, or the one that a file and the base files it builds on make together.
 
-``extends = "base.toml"`` takes all keys of another file, of which the case then states only what differs: tables are
-merged key by key, every other value, a list too, replaces the base's. ``remove = ["data", "prior.k12"]`` takes keys or
-tables out of the base first, such as a table of another kind. Each key keeps the file and line that it stands in.
+``extends = "base.toml"`` takes all keys of another file, of which the case then states only what differs. Tables are
+merged key by key. Every other value, a list too, replaces the base's, and so does a table of another kind. Each key
+keeps the file and line that it stands in.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from jointbayes.case.toml_text import (
     KeyPath,
     fault_line,
     key_lines,
-    key_parts,
     parse_toml,
     read_text,
     toml_text,
@@ -28,7 +27,11 @@ from jointbayes.errors import CaseError, similar
 from vibrecords.errors import printable
 
 _MOST_FILES = 10  # that build on each other
-_EXTENDS, _REMOVE, _TESTS = "extends", "remove", "tests"
+_EXTENDS, _TESTS = "extends", "tests"
+#: Keys by which a table says of which kind it is, and what a table is that does not say it.
+_KINDS = ("kind", "law", "shape", "distribution", "source")
+_UNSTATED = {"structure": {"kind": "beam"}, "joint": {"kind": "coupled", "parametrisation": "log"}}
+_UNSTATED["joints"] = _UNSTATED["joint"]
 
 Place = tuple[str, int]
 
@@ -165,7 +168,7 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
         As `read_case_text`; or if the text names a file and stands alone.
     """
     source = _parsed(text, name)
-    if _EXTENDS not in source.data and _REMOVE not in source.data:
+    if _EXTENDS not in source.data:
         return source
     if file is None:
         mistake = "found a text that is no file and builds on one"
@@ -212,9 +215,6 @@ def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
         if here.parent != home:
             current = replace(current, data=rename_files(current.data, partial(_moved, here.parent, home)))
         chain.append(current)
-    if _REMOVE in current.data:
-        words = "found it in a file that builds on none", f"a file with {_EXTENDS}", "remove it"
-        raise CaseError(current.fault((_REMOVE,), *words))
     return chain
 
 
@@ -256,64 +256,43 @@ def _moved(here: Path, home: Path, name: str) -> str:
 
 
 def _merged(base: CaseText, over: CaseText) -> CaseText:
-    """What builds on a base, with data and places of that base, less what is removed.
-
-    Raises
-    ------
-    CaseError
-        If what is to be removed is not there.
-    """
+    """What builds on a base, with data and places of that base where it states nothing else."""
     data, places = dict(base.data), dict(base.places)
-    for index, path in enumerate(_removed(over)):
-        if not _take_out(data, path):
-            shown = ".".join(path)
-            near = similar(shown, (".".join(map(str, stated)) for stated in base.places))
-            remedy = f'did you mean "{near}"?' if near else "correct or remove it"
-            words = f'found "{printable(shown)}", which the base does not have', "a key of it", remedy
-            raise CaseError(over.fault((_REMOVE, index), *words))
-        places = {stated: place for stated, place in places.items() if stated[: len(path)] != path}
-    _lay_over(data, {key: value for key, value in over.data.items() if key not in (_EXTENDS, _REMOVE)}, (), places)
-    places_over = {path: place for path, place in over.places.items() if path[0] not in (_EXTENDS, _REMOVE)}
-    return replace(over, data=_order_keys(data, base.data), places=places | places_over)
+    stated = {key: value for key, value in over.data.items() if key != _EXTENDS}
+    joint, old = stated.get("joint"), data.get("joint")
+    measured = stated.get("bodies")
+    gone: list[KeyPath] = [("structure", "bodies", body) for body in measured] if isinstance(measured, Mapping) else []
+    if _differs(joint, old, ("joint",), ("kind", "parametrisation")):  # its quantities have other names
+        gone.append(("prior",))
+    for path in gone:
+        data = without_key(data, path)
+        places = {place: line for place, line in places.items() if place[: len(path)] != path}
+    _lay_over(data, stated, (), places)
+    return replace(over, data=data, places=places | {k: v for k, v in over.places.items() if k[:1] != (_EXTENDS,)})
 
 
-def _order_keys(data: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
-    """Tables with their keys in the order of the base, also of what was removed from it and stated anew."""
-    keys = [*(key for key in base if key in data), *(key for key in data if key not in base)]
-    both = ((key, data[key], base.get(key)) for key in keys)
-    return {
-        key: _order_keys(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
-        for key, value, old in both
-    }
+def without_key(data: Mapping[str, Any], path: KeyPath) -> dict[str, Any]:
+    """The same tables without a key, where they have it."""
+    first, *below = path
+    if not below:
+        return {key: value for key, value in data.items() if key != first}
+    inside = data.get(str(first))
+    return {**data, str(first): without_key(inside, tuple(below))} if isinstance(inside, Mapping) else dict(data)
 
 
-def _removed(over: CaseText) -> list[tuple[str, ...]]:
-    given = over.data.get(_REMOVE, [])
-    paths: list[tuple[str, ...]]
-    paths = [key_parts(entry) if isinstance(entry, str) else () for entry in given] if isinstance(given, list) else [()]
-    if not all(paths):
-        words = "found what is no key", "a list of keys of the base", 'write for example remove = ["prior.k12"]'
-        raise CaseError(over.fault((_REMOVE, paths.index(())), *words))
-    return paths
-
-
-def _take_out(data: dict[str, Any], path: tuple[str, ...]) -> bool:
-    """Take a key out of tables, which are copied on the way; whether it was there."""
-    *above, last = path
-    table = data
-    for key in above:
-        if not isinstance(table.get(key), Mapping):
-            return False
-        table[key] = dict(table[key])
-        table = table[key]
-    return table.pop(last, None) is not None
+def _differs(table: object, old: object, path: KeyPath, keys: Iterable[str]) -> bool:
+    """Whether both are tables, and the first states one of these keys with another value than the second has."""
+    if not isinstance(table, Mapping) or not isinstance(old, Mapping):
+        return False
+    old = {**_UNSTATED.get(str(path[0]), {}), **old}
+    return any(key in table and table[key] != old.get(key, table[key]) for key in keys)
 
 
 def _lay_over(data: dict[str, Any], over: Mapping[str, Any], path: KeyPath, places: dict[KeyPath, Place]) -> None:
     """Put values in the place of a base's, table by table; where those stood is forgotten."""
     for key, value in over.items():
         here, old = (*path, key), data.get(key)
-        if isinstance(value, Mapping) and isinstance(old, Mapping):
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and not _differs(value, old, here, _KINDS):
             data[key] = dict(old)
             _lay_over(data[key], value, here, places)
             continue
@@ -328,11 +307,6 @@ def texts_of_tests(source: CaseText) -> dict[str, CaseText]:
     Of each test its own table, ``[tests.NAME]``, is merged over the rest of the file, as a case over the one that it
     extends. What a test says of an uncertain quantity, or of the noise, is its own; what the file says holds for all,
     unless it says `own`.
-
-    Raises
-    ------
-    CaseError
-        If a test removes what the rest of the file does not have.
     """
     return _texts_below(source, source.data, (_TESTS,)) or {"": source}
 
@@ -375,6 +349,4 @@ def drop_inherited(text: CaseText, path: KeyPath) -> tuple[KeyPath, CaseText] | 
     key = tuple(map(str, path[:depth]))
     if not text.test or depth is None or len(key) < depth or any(place[:depth] == key for place in text.own):
         return None
-    data = dict(text.data)
-    _take_out(data, key)
-    return key, replace(text, data=data)
+    return key, replace(text, data=without_key(text.data, key))

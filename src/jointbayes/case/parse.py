@@ -242,7 +242,7 @@ def _elsewhere(place: _Place, root: type[BaseModel]) -> str:
         return "the noise of measured data is that of [data.variance]"
     if path[:-1] == ("joint",) and isinstance(place.value, Mapping):
         return f"one of several joints is a table [joints.{key}]"
-    if (instead := WENT.get(".".join(map(str, path)))) is not None:
+    if (instead := WENT.get(".".join(map(str, path[2:] if path[0] == "tests" else path)))) is not None:
         return f"it was removed: {instead}"
     if path[:-1] == ("structure",) and key in _OF_DAMPING:
         return 'write {1} in [structure.damping] with law = "{0}"'.format(*_OF_DAMPING[key])
@@ -356,10 +356,6 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
         path = fault.place.path
         if fault.kind == "unknown":
             words = _unknown_wording(fault, model)
-            if source.inherits(path) and not all(source.inherits((*path[:-1], key)) for key in fault.place.siblings):
-                # a table of another kind over one whose keys it does not have
-                where = f"[{show_key(source.at)}]" if source.test else "the case file, above the first table"
-                words = (*words[:2], f'take it out with remove = ["{show_key(path)}"] in {where}')
         else:
             words = _missing_wording(fault.place) if fault.kind == "missing" else _value_wording(fault)
         shown.append(source.fault(path, *words))

@@ -475,7 +475,11 @@ class _Restoring:
                 "has; read it with the version that wrote it"
             )
         plain = {"test" if name == "setup" else name: entry for name, entry in plain.items()}  # the word of older files
-        given = {name: self.part(entry, f"{place}.{name}") for name, entry in plain.items() if name != "kind"}
+        given = {
+            name: self.part(entry, f"{place}.{name}")
+            for name, entry in plain.items()
+            if name not in ("kind", "residual_kind")
+        }
         hints = get_type_hints(kind)
         # what an earlier version had and this one has not may be dropped if it says nothing
         for name in [name for name in given if name not in hints and given[name] in ((), None, {})]:

@@ -117,9 +117,6 @@ class CompareSpec(Spec):
     hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
 
 
-_REMOVE = key_field("a list of keys or tables of the rest of the file that this test does not take", ["prior.k12"])
-
-
 def _changes(of: str) -> object:
     return Field(description=f"what is different in {of}, a table")
 
@@ -130,7 +127,6 @@ _Table = dict[str, Any] | None
 class TestSpec(Spec):
     """One test of several: what is different from the rest of the file, whose tables these are."""
 
-    remove: Annotated[ListOf[str], _REMOVE] = ()
     joined: Annotated[bool, JOINED] = True
     structure: Annotated[_Table, _changes("the structure")] = None
     joint: Annotated[_Table, _changes("the joint")] = None

@@ -26,7 +26,7 @@ from jointbayes.case.spec.data_table import (
     files_table,
     synthetic_table,
 )
-from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, ListOf, Name, Spec, Word, key_field, listed, show_key
+from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.prior_tables import (
     JointSpec,
     NamedJointSpec,
@@ -69,7 +69,6 @@ _TITLE = key_field(
 
 
 _EXTENDS = key_field("the name of the case file whose keys this one starts from, relative to this file", "base.toml")
-_REMOVE = key_field("a list of keys or tables of that file that this one does not take", ["prior.k12"])
 
 
 def _beam_unless_stated(table: object) -> object:
@@ -87,13 +86,12 @@ BEFORE_OBJECTS: ContextVar[Callable[[], None]] = ContextVar("BEFORE_OBJECTS", de
 
 
 class CaseSpec(Spec):
-    """A whole case file; of one that builds on another what both are together, without `extends` and `remove`.
+    """A whole case file; of one that builds on another what both are together, without `extends`.
 
     Of several tests it is that of one: the rest of the file with what the test changes.
     """
 
     extends: Annotated[str, _EXTENDS] = ""
-    remove: Annotated[ListOf[str], _REMOVE] = ()
     title: Annotated[str, _TITLE] = ""
     about: Annotated[AboutSpec, Field(description="what was tested: specimen, date, operator, instruments")] = (
         AboutSpec()
