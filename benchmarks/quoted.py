@@ -226,40 +226,15 @@ def _compare(record: Record) -> list[str]:
     return lines
 
 
-def _objectives(record: Record, name: str) -> list[str]:
-    """A table of all that is published of the stiffnesses of a case, and of what is found here."""
-    case, published = record["cases"][name], OBJECTIVES[name]
-    heads = ["Stiffness", *(f"Published, {what}" for what in published), "Median", "95 % credible interval", "Verdict"]
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for i, k in enumerate(stiffnesses(case)):
-        theirs = [stiffness(values[i], 5) for values in published.values()]
-        entry = {**case[k], "limit": None}
-        cells = [k, *theirs, _median(case[k]), f"{_ends(entry)} {case[k]['unit']}", case[k]["words"]]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
-
-
-def _left_out(record: Record, name: str) -> list[str]:
-    """A table of what was left out of a case and predicted."""
-    lines = ["| Left out | Measured | Median | 95 % interval | Inside |", "|---|---|---|---|---|"]
-    for value in record["cases"][name]["left_out"]["values"]:
-        low, high = value["interval95"]
-        numbers = f"{value['measured']:.4g} | {value['median']:.4g} | {low:.4g} to {high:.4g}".replace("-", MINUS)
-        lines.append(f"| {value['name']} | {numbers} | {'yes' if value['inside'] else 'no'} |")
-    return lines
-
-
 def _made(record: Record) -> list[str]:
     e = record["environment"]
     packages = ", ".join(f"{name} {version}" for name, version in e["packages"].items())
     return [f"Runs of {e['date']}, {e['system']}, Python {e['python']}, {packages}."]
 
 
-def _file(_: Record, path: str, part: str = "") -> list[str]:
-    """A file of the repository, or what stands in it between the comments `begin` and `end` of a part."""
+def _file(_: Record, path: str) -> list[str]:
+    """Return a file of the repository in a fence."""
     text = (ROOT / path).read_text(encoding="utf-8")
-    if part:
-        text = text.partition(f"# begin {part}\n")[2].partition(f"# end {part}\n")[0]
     suffix = path.rpartition(".")[2]
     return [f"```{'python' if suffix == 'py' else suffix}", *text.strip("\n").splitlines(), "```"]
 
@@ -274,8 +249,6 @@ BLOCKS: dict[str, Callable[..., list[str]]] = {
     "freed": _freed,
     "cases": _cases,
     "compare": _compare,
-    "objectives": _objectives,
-    "left_out": _left_out,
     "made": _made,
     "file": _file,
     "commands": lambda _: reference_pages.command_line(),

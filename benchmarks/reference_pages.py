@@ -20,7 +20,8 @@ def command_line() -> list[str]:
     """Every command with its arguments and options, as `--help` says it; what many have alike is said once."""
     of_all, shared = _shared_options()
     lines = ["## Commands", "", ", ".join(f"[`{name}`](#jointbayes-{name})" for name, _ in _commands()) + ".", ""]
-    lines += ["## Options of every command", "", *_table(of_all), "## Options of several commands", "", *_table(shared)]
+    lines += ["## Options of every command", "", *_listed(of_all)]
+    lines += ["## Options of several commands", "", *_listed(shared)]
     for name, command in _commands():
         context = click.Context(command, info_name=f"jointbayes {name}", **main.context_settings)
         usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
@@ -28,7 +29,7 @@ def command_line() -> list[str]:
         own = [option for option in options if option not in of_all + shared]
         also = ", ".join(f"`{option[0].split()[0]}`" for option in options if option in shared)
         lines += [f"## jointbayes {name}", "", f"`{usage}`", "", *_paragraphs(command)]
-        lines += [*(_table(own) if own else ()), *((f"Also {also}.", "") if also else ())]
+        lines += [*(_listed(own) if own else ()), *((f"Also {also}.", "") if also else ())]
     return "\n".join(lines).rstrip().splitlines()
 
 
@@ -59,13 +60,8 @@ def _options(command: click.Command, context: click.Context) -> list[tuple[str, 
     return [(names, text) for names, text in filter(None, records)]
 
 
-def _table(options: list[tuple[str, str]]) -> list[str]:
-    rows = [f"| `{_cell(names)}` | {_escaped(_cell(text))} |" for names, text in options]
-    return ["| Option | Meaning |", "|---|---|", *rows, ""]
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+def _listed(options: list[tuple[str, str]]) -> list[str]:
+    return [*(f"- `{names}`: {_escaped(' '.join(text.split()))}" for names, text in options), ""]
 
 
 def _escaped(text: str) -> str:

@@ -1,4 +1,4 @@
-"""A kind of data of one's own, from its class to a report: the worked example of docs/developing.md."""
+"""A kind of data of one's own, from its class to a report: the example that docs/developing.md names."""
 
 import ast
 from dataclasses import dataclass, replace
@@ -20,7 +20,6 @@ from tests.science.calibration import simulated_problem
 from vibrecords import Data, FrfSet
 
 
-# begin example
 @dataclass(frozen=True, eq=False)
 class StaticDeflections(Data):
     """Deflection under a static force, shape (outputs, inputs), m/N, with standard deviations of the same shape."""
@@ -75,9 +74,6 @@ def static_section(data, inputs):
     texts = tuple((pair, *(f"{value:.4g}" for value in values)) for pair, *values in rows)
     table = Table("Static deflections", ("Pair", "Measured (m/N)", "sd", "MAP"), texts)
     return ReportSection("deflections", "Static deflections", (table,))
-
-
-# end example
 
 
 DOFS = ("1:y", "1:rz", "5:y")

@@ -67,7 +67,7 @@ def carried_out(tmp_path):
 
 
 @pytest.mark.parametrize("heading", [
-    "A shape of cross-section", "Coordinates of a joint", "A file format",
+    "A shape of cross-section", "A file format",
     *(pytest.param(heading, marks=pytest.mark.long) for heading in ("A noise model", "A section of the report")),
 ])  # fmt: skip
 def test_what_the_page_says_of_adding_a_thing_makes_one_that_works(heading, carried_out):

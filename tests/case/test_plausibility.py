@@ -13,7 +13,7 @@ import jointbayes as jb
 from jointbayes.case import plausibility
 from jointbayes.case.case_text import case_text
 from jointbayes.case.parse import parse_case
-from jointbayes.case.spec.fields import LIMITS, TABLE, limit_text
+from jointbayes.case.spec.fields import LIMITS, limit_text
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.posterior import summarise
 from jointbayes.report import ReportInputs, build_report
@@ -168,25 +168,6 @@ def test_limits_are_stated_as_numbers_a_person_writes():
     assert [limit_text(v) for v in (1e-3, 1e-12, 10.0, 100.0, 1e3, 1e6, 1e15)] == [
         "0.001", "1e-12", "10", "100", "1000", "1e6", "1e15"
     ]  # fmt: skip
-
-
-@pytest.mark.docs
-def test_the_documentation_states_limits_and_thresholds():
-    page = (CONFIGS.parent / "docs" / "case-file.md").read_text(encoding="utf-8")
-    stated = re.findall(
-        r"^\| (\S+) \| (\S+) \| (`.*`) \|$", page[page.index("## Limits") : page.index("## Warnings")], re.M
-    )
-    expected = [
-        (limit_text(t.least), limit_text(t.most), ", ".join(f"`{key}`" for key in t.keys.split())) for t in TABLE
-    ]
-    assert stated == expected
-    warned = page[page.index("## Warnings") :]
-    for ends in (plausibility.WAVE_SPEED, plausibility.YOUNGS_MODULUS, plausibility.DENSITY, plausibility.SLENDERNESS):
-        assert f"| {ends[0]:g} to {ends[1]:g}" in warned
-    says(warned, f"at most {plausibility.ABOVE_BAND:g} times", f"at most {plausibility.BELOW_BAND} |")
-    for limit in {limit for limit, _ in plausibility.LARGEST_FRACTION.values()}:
-        assert f"at most {limit:g}" in warned
-    assert all(f"at least {least:g}" in warned for least in plausibility.SMALLEST_PERCENT.values())
 
 
 def test_a_prior_put_in_its_place_says_nothing_of_the_truth(cheap_case):

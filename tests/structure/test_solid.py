@@ -1,4 +1,4 @@
-"""The body of scikit-fem's matrices that docs/developing.md shows, against solves of those matrices."""
+"""The body of scikit-fem's matrices that docs/developing.md names, against solves of those matrices."""
 
 import json
 import pickle

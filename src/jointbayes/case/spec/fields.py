@@ -204,7 +204,7 @@ class Limits(NamedTuple):
     most: float
 
 
-#: One row for each kind of number; docs/case-file.md shows the same table.
+#: One row for each kind of number.
 TABLE = (
     Limits("length_mm spacing_mm offset_mm offset_against_mm", 1e-3, 1e6),
     Limits("diameter_mm outer_diameter_mm inner_diameter_mm width_mm height_mm wall_mm", 1e-3, 1e5),
