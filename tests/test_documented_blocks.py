@@ -63,6 +63,8 @@ TIE = 'data = { kind = "natural_frequencies", frequencies_hz = [27.0, 64.6, 118.
 AROUND = {
     "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
     "spindle-tool-1": 'extends = "spindle_tool.toml"\n',
+    "spindle-tool-2": 'extends = "spindle_tool.toml"\n',
+    "frames-1": 'extends = "portal_frame.toml"\n',
     "case-file-2": 'joint = { dofs = ["foot:x"], kind = "springs" }\n' + MODE,
     "case-file-3": FRAME,
     "case-file-4": TIE,
