@@ -34,7 +34,7 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
     family = jb.BeamFamily(recipe(), ranges)
     near = family.at(("1:y", "1:rz", *PORTS.outputs), 2500.0)
     motions = np.eye(near.nominal.n_dofs)[:, near.nominal.index(["1:y", "11:y"])]
-    assert not isinstance(near.free_modes(np.arange(len(motions)), motions)._bodies[0].modes, ModeTable)
+    assert not isinstance(near.free_modes(np.arange(len(motions)), motions).bodies[0].modes, ModeTable)
     low, high = np.array(list(ranges.values())).T
     factors = np.exp(np.random.default_rng(1).uniform(low, high, (3, 2)))
     assert worst(family, CLAMP, pair_matrix(TABLE_3), PORTS, factors) < 1e-6

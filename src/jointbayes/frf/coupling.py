@@ -20,7 +20,7 @@ from jointbayes.frf.kernels.multi_dof import MultiDofCoupling, MultiDofMisfit
 from jointbayes.frf.kernels.pair import PairCoupling, PairMisfit
 from jointbayes.frf.measured_body import AnyStructure, MeasuredBody, substructures
 from jointbayes.frf.modal import AssembledModes, add_joint, chi2_of, compliance_by_line
-from jointbayes.frf.ports import Misfit, Ports, ReceptanceModel, TakingPart, factors_batch
+from jointbayes.frf.ports import Ports, TakingPart, factors_batch
 from jointbayes.joint import AnyJoint, AnyJointMatrix, JointMatrix, joint_matrix_of
 from jointbayes.structure import Body, FreeModes
 from vibrecords.arrays import Array, ComplexArray
@@ -178,7 +178,7 @@ class LowRankCoupling:
         return (modelled + modelled.swapaxes(-1, -2)) / 2
 
     def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
-        """Receptances (batch, lines, outputs, inputs), see `ReceptanceModel`."""
+        """Receptances (batch, lines, outputs, inputs), see `AssembledModes`."""
         batch = joint_matrix_of(matrices).batch
         if self._known is None or batch.damped:
             return self._by_line(batch, factors)
@@ -187,16 +187,16 @@ class LowRankCoupling:
     def tangent(
         self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Receptance and its derivative along changes of one joint matrix, see `ReceptanceModel`."""
+        """Receptance and its derivative along changes of one joint matrix, see `AssembledModes`."""
         joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
         if joint.damped:
             return self._damped_tangent(joint, changes, factor_rows)
         return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
 
-    def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
-        """Weighted distance from measured receptances, see `ReceptanceModel`."""
+    def misfit(self, measured: ComplexArray, weight: Array) -> "Misfit":
+        """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         undamped = self._known.misfit(measured, weight) if self._known else _UncertainMisfit(self, measured, weight)
-        return _MisfitOfAnyJoint(self, undamped, measured, weight)
+        return Misfit(self, undamped, measured, weight)
 
     def _coupling_at(self, factors: Array) -> _Coupling:
         """Coupling of the structure at factors (q,)."""
@@ -233,8 +233,11 @@ class LowRankCoupling:
         return (PairCoupling if len(self.along) <= 2 else MultiDofCoupling)(free, self.along, self.n_out)
 
 
-class _MisfitOfAnyJoint:
-    """The fast misfit of joints without damping, and the plain one of those with it."""
+class Misfit:
+    """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances, as a function of the joint.
+
+    That of joints without damping is fast, that of those with it plain.
+    """
 
     def __init__(
         self, model: LowRankCoupling, undamped: "_StiffnessMisfit", measured: ComplexArray, weight: Array
@@ -242,7 +245,10 @@ class _MisfitOfAnyJoint:
         self._model, self._undamped, self._measured, self._weight = model, undamped, measured, weight
 
     def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """χ², shape (batch,), see `Misfit`."""
+        """χ², shape (batch,), of joint matrices, shape (batch, r, r), and factors on the structure, (batch, q).
+
+        Not finite where a line is singular.
+        """
         joints = joint_matrix_of(matrices)
         if not joints.damped:
             return self._undamped.chi2(joints.stiffness, factors)
@@ -257,7 +263,7 @@ class _MisfitOfAnyJoint:
         return chi2
 
     def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """χ² and its gradient by the stiffness of joints without damping, see `Misfit`."""
+        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij, of joints without damping."""
         return self._undamped.chi2_gradient(joint_matrix_of(matrices).stiffness, factors)
 
 
@@ -286,6 +292,10 @@ class _UncertainMisfit:
 
 
 _StiffnessMisfit = PairMisfit | MultiDofMisfit | _UncertainMisfit
+
+
+ReceptanceModel = AssembledModes | LowRankCoupling
+"""Receptance of a structure with its joint as a function of K^J."""
 
 
 def receptance_model(structure: AnyStructure, joint: AnyJoint, ports: Ports) -> ReceptanceModel:

@@ -102,7 +102,10 @@ class MeasuredBody:
             raise MeasurementError(
                 f"{self._where}: found receptances that are not symmetric; expected A_ab = A_ba; use MeasuredBody.of"
             )
-        if not _is_symmetric(self.covariance) or not _is_semidefinite(self.covariance):
+        size = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+        size = np.where(size > 0, size, 1.0)
+        lowest = np.linalg.eigvalsh(self.covariance / (size[:, :, None] * size[:, None, :]))[:, 0]
+        if not _is_symmetric(self.covariance) or not (lowest >= _NEGATIVE).all():
             raise MeasurementError(
                 f"{self._where}: found a covariance that is not positive semidefinite at some line; expected one that "
                 "is; correct the variances"
@@ -146,30 +149,35 @@ class MeasuredBody:
         dofs = tuple(dict.fromkeys((*frf.outputs, *frf.inputs)))
         rows, columns = np.triu_indices(len(dofs))
         entries = np.empty((len(values), rows.size), dtype=complex)
-        spread, off = np.empty((len(values), rows.size)), []
+        spread, off = np.empty((len(values), rows.size)), list[float]()
         for pair, (a, b) in enumerate(zip(rows, columns, strict=True)):
-            measured = _measured_ways(frf, dofs[a], dofs[b])
+            both = dict.fromkeys(((dofs[a], dofs[b]), (dofs[b], dofs[a])))
+            measured = [(o, i) for o, i in both if o in frf.outputs and i in frf.inputs]
             if not measured:
                 raise MeasurementError(
                     f"measured body {name}: found no FRF between {dofs[a]} and {dofs[b]}; expected one way round at "
                     f"least of every pair of {', '.join(dofs)}; measure it, or leave the DOF out"
                 )
-            ways = [(values[:, o, i], variances[:, o, i]) for o, i in measured]
+            at = [(slice(None), frf.outputs.index(o), frf.inputs.index(i)) for o, i in measured]
+            ways = [(values[place], variances[place]) for place in at]
             entries[:, pair], spread[:, pair] = _averaged(ways)
-            if len(ways) == 2:
-                off.append(_discrepancy(ways, f"measured body {name}: {dofs[a]} and {dofs[b]}"))
+            if len(ways) == 1:
+                continue
+            (first, v1), (second, v2) = ways
+            gap, noisy = np.abs(first - second), v1 + v2 > 0
+            if np.median(gap) > NOT_RECIPROCAL * np.median((np.abs(first) + np.abs(second)) / 2):
+                raise MeasurementError(
+                    f"measured body {name}: {dofs[a]} and {dofs[b]}: found FRFs that differ by more than half of their "
+                    "size when response and force change places; expected them equal by reciprocity; check directions, "
+                    "signs and labels of the channels"
+                )
+            if noisy.any():
+                off.append(float(np.mean(gap[noisy] ** 2 / (v1 + v2)[noisy])))
         receptance = np.empty((len(values), len(dofs), len(dofs)), dtype=complex)
         receptance[:, rows, columns] = receptance[:, columns, rows] = entries
         covariance = spread[:, :, None] * np.eye(rows.size)
-        discrepancies = [discrepancy for discrepancy in off if discrepancy is not None]
-        return cls(
-            name,
-            frf.frequency_hz,
-            dofs,
-            receptance,
-            covariance,
-            float(np.mean(discrepancies)) if discrepancies else None,
-        )
+        discrepancy = float(np.mean(off)) if off else None
+        return cls(name, frf.frequency_hz, dofs, receptance, covariance, discrepancy)
 
     def seen_at(self, motions: Mapping[str, Mapping[str, float]]) -> "MeasuredBody":
         """The body between other motions, each a sum of the measured ones: A′ = T A Tᵀ, with the covariance of it.
@@ -238,19 +246,6 @@ def _is_symmetric(arrays: NDArray[np.inexact]) -> bool:
     return bool((np.abs(arrays - arrays.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0) <= _SYMMETRIC * scale).all())
 
 
-def _is_semidefinite(covariance: Array) -> bool:
-    size = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    size = np.where(size > 0, size, 1.0)
-    scaled = covariance / (size[:, :, None] * size[:, None, :])
-    return bool((np.linalg.eigvalsh(scaled)[:, 0] >= _NEGATIVE).all())
-
-
-def _measured_ways(frf: FrfSet, first: str, second: str) -> list[tuple[int, int]]:
-    """Output and input number of the FRFs between two DOFs."""
-    ways = dict.fromkeys(((first, second), (second, first)))
-    return [(frf.outputs.index(o), frf.inputs.index(i)) for o, i in ways if o in frf.outputs and i in frf.inputs]
-
-
 def _averaged(ways: Sequence[tuple[ComplexArray, Array]]) -> tuple[ComplexArray, Array]:
     """Mean of one FRF or two, weighted by the inverse of their variances, and its variance."""
     if len(ways) == 1:
@@ -259,19 +254,6 @@ def _averaged(ways: Sequence[tuple[ComplexArray, Array]]) -> tuple[ComplexArray,
     total = np.where(v1 + v2 > 0, v1 + v2, 1.0)
     share = np.where(v1 + v2 > 0, v2 / total, 0.5)
     return share * first + (1 - share) * second, np.where(v1 + v2 > 0, v1 * v2 / total, 0.0)
-
-
-def _discrepancy(ways: Sequence[tuple[ComplexArray, Array]], where: str) -> float | None:
-    """Mean square of the difference over its variance; None of exact FRFs."""
-    (first, v1), (second, v2) = ways
-    gap = np.abs(first - second)
-    if float(np.median(gap)) > NOT_RECIPROCAL * float(np.median((np.abs(first) + np.abs(second)) / 2)):
-        raise MeasurementError(
-            f"{where}: found FRFs that differ by more than half of their size when response and force change places; "
-            "expected them equal by reciprocity; check directions, signs and labels of the channels"
-        )
-    noisy = v1 + v2 > 0
-    return float(np.mean(gap[noisy] ** 2 / (v1 + v2)[noisy])) if noisy.any() else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -338,7 +338,7 @@ class AssembledModes:
         return self._damped(matrix.batch, factors)[0], (up - down) / (2 * _STEP)
 
     def misfit(self, measured: ComplexArray, weight: Array) -> "AssembledMisfit":
-        """Weighted distance from measured receptances, see `ReceptanceModel`."""
+        """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         return AssembledMisfit(self, measured, weight)
 
     def _assembled(self, matrices: Array, factors: ArrayLike | None) -> tuple[Array, Array, Array]:

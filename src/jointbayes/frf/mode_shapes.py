@@ -165,7 +165,13 @@ class AssembledShapes(LowestModes):
         viscous = viscous + self._signs @ strokes**2
         d_viscous = d_viscous + 2 * np.einsum("d,dm,pdm->pm", self._signs, strokes, d_strokes)
         lam = np.maximum(eigenvalues[counted], np.finfo(float).tiny)
-        ratio = self._ratio_slopes(factor_rows, lam, lam - held, slope, slope - d_held)
+        law, stored, d_stored = self._body.damping, lam - held, slope - d_held
+        ratio = np.zeros_like(slope)
+        if not law.of_assembled_modes:
+            alpha, beta = law.viscous
+            share = (d_stored - stored * slope / lam) / (2 * lam)
+            of_law = (beta * d_stored - (alpha + beta * stored) * slope / (2 * lam)) / (2 * np.sqrt(lam))
+            ratio = self._body.loss_factors(factor_rows)[0] * share + of_law
         ratio = ratio + (d_viscous - viscous * slope / (2 * lam)) / (2 * np.sqrt(lam))
         ratio = ratio + (d_hysteretic - hysteretic * slope / lam) / (2 * lam)
         frequency = slope / (4 * np.pi * np.sqrt(lam))
@@ -173,16 +179,6 @@ class AssembledShapes(LowestModes):
         d_zeros = np.einsum("iz,pij,jz->pz", held[0], changes[0], held[0])
         d_zeros = d_zeros / (8 * np.pi**2 * np.maximum(zeros_hz, np.finfo(float).tiny))
         return here, Modal(frequency, ratio, d_motions[:, : self._seen].swapaxes(1, 2), d_zeros)
-
-    def _ratio_slopes(self, factor_rows: Array, lam: Array, stored: Array, d_lam: Array, d_stored: Array) -> Array:
-        """Derivatives of `_ratios`, shape (p, c)."""
-        law = self._body.damping
-        if law.of_assembled_modes:
-            return np.zeros_like(d_lam)
-        alpha, beta = law.viscous
-        share = (d_stored - stored * d_lam / lam) / (2 * lam)
-        viscous = (beta * d_stored - (alpha + beta * stored) * d_lam / (2 * lam)) / (2 * np.sqrt(lam))
-        return self._body.loss_factors(factor_rows)[0] * share + viscous
 
 
 def held_at(joint: AnyJoint, label: str) -> Joints:

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.errors import ModelError, require
-from jointbayes.joint import AnyJoint, AnyJointMatrix
+from jointbayes.errors import ModelError, shown
+from jointbayes.joint import AnyJoint
 from jointbayes.joint.joint import LabelledDofs
-from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.arrays import Array, Indices
 from vibrecords.errors import array_of
 
 
@@ -40,16 +39,13 @@ class Ports:
         object.__setattr__(self, "frequency_hz", np.atleast_1d(lines))
         for what, labels in (("outputs", self.outputs), ("inputs", self.inputs)):
             expected = 'labels of DOFs in a sequence, such as ("11:y",); correct it'
-            require(labels, tuple | list, f"ports: found as {what}", expected, _are_texts)
+            if not isinstance(labels, tuple | list) or not all(isinstance(label, str) for label in labels):
+                raise ModelError(f"ports: found as {what} {shown(labels)}; expected {expected}")
 
     @property
     def omega(self) -> Array:
         """ω = 2πf, shape (lines,), rad/s."""
         return 2 * np.pi * np.asarray(self.frequency_hz, dtype=float)
-
-
-def _are_texts(labels: Sequence[object]) -> bool:
-    return all(isinstance(label, str) for label in labels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,34 +104,3 @@ def factors_batch(factors: ArrayLike | None, batch: int) -> Array:
         return np.empty((batch, 0))
     rows = np.atleast_2d(np.asarray(factors, dtype=float))
     return rows if len(rows) == batch else np.repeat(rows, batch, axis=0)
-
-
-class Misfit(Protocol):
-    """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances."""
-
-    def chi2(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """χ², shape (batch,), of joint matrices, shape (batch, r, r), and factors on the structure, (batch, q).
-
-        Not finite where a line is singular.
-        """
-
-    def chi2_gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
-        """χ² and its gradient S, shape (batch, r, r): dχ² = Σ S_ij dK_ij, of joints without damping."""
-
-
-class ReceptanceModel(Protocol):
-    """Receptance of a structure with its joint as a function of K^J; see `LowRankCoupling`, `AssembledModes`."""
-
-    def receptance(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> ComplexArray:
-        """Receptances, shape (batch, lines, outputs, inputs).
-
-        For joint matrices (r, r) or (batch, r, r) and factors on the body's quantities, (q,) or (batch, q).
-        """
-
-    def tangent(
-        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """Receptance (lines, outputs, inputs) and derivative (p, lines, outputs, inputs) of one joint matrix."""
-
-    def misfit(self, measured: ComplexArray, weight: Array) -> Misfit:
-        """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""

@@ -6,9 +6,9 @@ Without noise they are solved line by line from the assembled dynamic stiffness:
 import numpy as np
 
 from jointbayes.errors import require
-from jointbayes.frf.coupling import receptance_model
+from jointbayes.frf.coupling import ReceptanceModel, receptance_model
 from jointbayes.frf.modal import rigid_body_modes
-from jointbayes.frf.ports import Ports, ReceptanceModel
+from jointbayes.frf.ports import Ports
 from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of
 from jointbayes.structure import Body, Structure
 from vibrecords import FrfData, FrfSet, NoiseLaw, Quantity, quantity_factor

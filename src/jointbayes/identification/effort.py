@@ -139,10 +139,12 @@ def search_further(
     first, rounds, last_gain, many, images = search.best[1], 0, 0.0, False, Images.from_problem(problem)
     many_unknowns = len(problem.parametrisation.names) >= MANY_UNKNOWNS
     while True:
+        # 1. images of the modes, and the best mode with one spring moved
         search.climb_images(images)
         arrived = search.reached()
         if many_unknowns and sum(arrived.values()) < LEAST_AGREEING:
             search.climb_moved(_FEW_MOVED if arrived.get(_LOWEST) else MANY_MOVED)
+        # 2. is that enough?
         theta, density = search.best
         total, count = log_posterior.typical_squares(theta)
         squares, limit = total / count, largest_squares(count)
@@ -161,23 +163,16 @@ def search_further(
             f"of at most {ROUNDS}"
         )
         progress(Progress("searching for the best fit", text))
-        many = _climb_round(search, problem, np.random.default_rng([seed, 3, rounds]), rounds)
+        # 3. climb from more starts, and from the modes known so far; reconstructed motions need no flattened density
+        rng, before, weights = np.random.default_rng([seed, 3, rounds]), f"round {rounds}: ", _weights(problem)
+        reconstructed = reconstructed_starts(problem, rng, 2**rounds)
+        matched = frequency_starts(problem, rng, _POINTS)
+        screened = screened_draws(log_posterior, rng, _SCREENED, _KEPT)
+        search.climb(_named(reconstructed, [], [], before))
+        search.climb(_named([], matched, screened, before), weights)
+        search.climb_on(weights)
+        many = bool(len(reconstructed))
         last_gain = search.best[1] - density
-
-
-def _climb_round(search: ModeSearch, problem: Problem, rng: np.random.Generator, number: int) -> bool:
-    """Climb from more starts, and from the modes known so far, the density flattened at first.
-
-    Whether there are reconstructed motions of many unknown joints among them, which need no flattened density.
-    """
-    reconstructed = reconstructed_starts(problem, rng, 2**number)
-    matched = frequency_starts(problem, rng, _POINTS)
-    screened = screened_draws(problem.log_posterior, rng, _SCREENED, _KEPT)
-    before = f"round {number}: "
-    search.climb(_named(reconstructed, [], [], before))
-    search.climb(_named([], matched, screened, before), _weights(problem))
-    search.climb_on(_weights(problem))
-    return bool(len(reconstructed))
 
 
 def _weights(problem: Problem) -> list[Array]:

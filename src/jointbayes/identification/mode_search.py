@@ -189,11 +189,21 @@ class ModeSearch:
         return climb_all(PosteriorSquares(self._posterior), theta, _ROUGH_STEPS, tell)[0]
 
     def _refine_distinct(self, ends: Sequence[tuple[Array, float]]) -> list[tuple[Array, float]]:
-        """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is."""
+        """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is.
+
+        A rough end is that of a known mode if it is where the mode's own was, or no valley lies between them.
+        """
         left, refined = _REFINED, list(ends)
         for i in sorted(range(len(ends)), key=lambda i: -ends[i][1]):
-            theta, density = ends[i]
-            mode = next((r for r in self._refined if self._leads_to(theta, density, r)), None)
+            (theta, density), mode = ends[i], None
+            for known in self._refined:
+                same = bool((np.abs((known.rough - theta) / self._posterior.prior.sd) < _NEAR).all())
+                same = same and abs(known.rough_density - density) < _NEARLY
+                # from far below the straight line passes other summits, and says nothing
+                below = -_SAME_DENSITY < known.log_density - density < _LOWEST
+                if same or (below and not _parted(self._posterior, known.theta, theta, density, _FALL)):
+                    mode = known
+                    break
             # before the noise model's parameters are improved a density says little
             sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
             left = 0 if self._refined and self.budget.is_spent else left
@@ -204,15 +214,6 @@ class ModeSearch:
             if mode is not None:
                 refined[i] = mode.theta, mode.log_density
         return refined
-
-    def _leads_to(self, theta: Array, density: float, mode: "_Refined") -> bool:
-        """Whether a rough end is that of a mode, or no valley lies between it and the mode."""
-        same = (np.abs((mode.rough - theta) / self._posterior.prior.sd) < _NEAR).all()
-        if same and abs(mode.rough_density - density) < _NEARLY:
-            return True
-        # from far below the straight line passes other summits, and says nothing
-        below = -_SAME_DENSITY < mode.log_density - density < _LOWEST
-        return below and not _parted(self._posterior, mode.theta, theta, density, _FALL)
 
     def estimate(self) -> MapEstimate:
         """Best mode so far, its covariance, and where each start led.

@@ -147,7 +147,10 @@ def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, flo
     if measured.shown_frfs is None and all(name.startswith("frequency") for name in measured.value_names):
         possible.append((0, RAD_PER_S))
     gaps = [np.append(numbers[:i], numbers[i:] + 1) for i in range(1, numbers.size)]  # a mode between was left out
-    away, model = {}, _nominal_frequencies(problem, max(count, min(count + 1, most)))
+    # all but the joint as stated: joints move frequencies far more than what is uncertain
+    body, joints, count = problem.test.structures, problem.test.joints, max(count, min(count + 1, most))
+    certain = body.at(joints.labels, least_reach_hz(body, joints, count)).certain()
+    away, model = {}, NaturalFrequencies(certain, joints, count)
     for unit_hz in {1.0, *(unit for _, unit in possible)}:
         softer = _in_unit(prior, unit_hz)
         stiffness = softer.values(softer.sample(np.random.default_rng(0), _DRAWS))
@@ -167,12 +170,6 @@ def _nearest_first(problem: Problem, measured: ModalData) -> list[tuple[int, flo
 def _least_away(ratio: Array) -> float:
     """Return the distance of the joint that is nearest, by ln of predicted over measured, shape (joints, modes)."""
     return float(np.nanmin(np.log1p((ratio / _SPREAD) ** 2).sum(axis=1)))
-
-
-def _nominal_frequencies(problem: Problem, count: int) -> NaturalFrequencies:
-    """The model's frequencies with all but the joint as stated: joints move them far more than what is uncertain."""
-    body, joints = problem.test.structures, problem.test.joints
-    return NaturalFrequencies(body.at(joints.labels, least_reach_hz(body, joints, count)).certain(), joints, count)
 
 
 def _in_unit(prior: JointPrior, unit_hz: float) -> JointPrior:
@@ -200,20 +197,17 @@ def _log_evidence(
     elif sizes is not None and (test.noise is None or test.noise.as_stated):
         test = test.with_model_error(sizes)
     weighed = replace(problem, tests=(test,), prior=_in_unit(problem.prior, unit_hz))
-    at_best = max(_log_evidence_about(weighed, theta) for theta in _modes(weighed))
-    return at_best + len(measured.values) * math.log(unit_hz)
-
-
-def _log_evidence_about(problem: Problem, theta: Array) -> float:
-    """ln ∫ p(y|θ) p(θ) dθ about a mode by Laplace's method; half of it along what lies at an end of its range."""
-    prior, (low, high) = problem.prior, problem.prior.support
-    slope = problem.log_posterior.data_residuals(theta)[1] * prior.sd
-    # a flat prior counts as a normal one of its width: along what the data do not see its volume is right to 1.4
-    # ln det(1 + JᵀJ), which as a determinant would be lost where a fraction of a hertz is near a rigid-body motion
-    log_det = np.log1p(np.linalg.svd(slope, compute_uv=False) ** 2).sum()
-    at_end = np.minimum(theta - low, high - theta) < _AT_END * prior.sd
-    volume = np.log(math.sqrt(2 * math.pi) * prior.sd).sum() - log_det / 2 - math.log(2) * at_end.sum()
-    return float(problem.log_posterior(theta[None])[0] + volume)
+    # ln ∫ p(y|θ) p(θ) dθ about each mode by Laplace's method; half of it along what lies at an end of its range
+    prior, (low, high), about = weighed.prior, weighed.prior.support, []
+    for theta in _modes(weighed):
+        slope = weighed.log_posterior.data_residuals(theta)[1] * prior.sd
+        # a flat prior counts as a normal one of its width: along what the data do not see its volume is right to 1.4
+        # ln det(1 + JᵀJ), which as a determinant would be lost where a fraction of a hertz is near a rigid-body motion
+        log_det = np.log1p(np.linalg.svd(slope, compute_uv=False) ** 2).sum()
+        at_end = np.minimum(theta - low, high - theta) < _AT_END * prior.sd
+        volume = np.log(math.sqrt(2 * math.pi) * prior.sd).sum() - log_det / 2 - math.log(2) * at_end.sum()
+        about.append(float(weighed.log_posterior(theta[None])[0] + volume))
+    return max(about) + len(measured.values) * math.log(unit_hz)
 
 
 def _modes(problem: Problem) -> Array:

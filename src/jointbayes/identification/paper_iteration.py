@@ -101,6 +101,10 @@ def sensitivity_iteration(
 ) -> IterationHistory:
     """Identify the stiffnesses of a joint by the paper's iteration, Eqs. (3)-(9).
 
+    1. Predict the FRFs of the joint at hand, and take the residual ε_H; end where it is below the threshold.
+    2. Solve S Δu = −ε_H for the change of the stiffnesses, by least squares over all lines, and go on with that joint.
+    3. Say how it ended.
+
     Parameters
     ----------
     structure, joint
@@ -133,35 +137,49 @@ def sensitivity_iteration(
     """
     kind = parametrisation or parametrisation_named("log")
     system = _System(structure, joint, measured.converted("receptance"), outputs, kind)
-    weight = np.abs(system.target) ** -line_weight
+    size, weight = np.linalg.norm(system.target), np.abs(system.target) ** -line_weight
     k = np.asarray(initial, dtype=float)
-    threshold = max(threshold, _error_of_reduction(structure, system, joint, measured, outputs, k))
+    made = structure.discretisation
+    if made is not None and made.kind == "reduced":
+        richer = structure.reference(solved=False)
+        finer = _System(richer, joint, measured.converted("receptance"), outputs, kind)
+        difference = system.residual(system.predict(k)) - finer.residual(finer.predict(k))
+        threshold = max(threshold, 10 * float(np.linalg.norm(difference) / size))
     history: list[Array] = []
     norms: list[float] = []
     while len(norms) <= max_steps and np.abs(k).max() < _RUNAWAY:
+        # 1. residual
         predicted = system.predict(k)
         residual = system.residual(predicted)
         history.append(k)
-        norms.append(float(np.linalg.norm(residual) / np.linalg.norm(system.target)))
+        norms.append(float(np.linalg.norm(residual) / size))
         if norms[-1] <= threshold:
             break
+        # 2. Cao et al. Eq. (9): S_i = −H^a K_i H^x_v, here for every output and input at once; real and imaginary
+        # parts stacked, columns scaled
         response = system.deformation(system.measured if sensitivity == "measured" else predicted)
-        k = k + _step(system.response_to_joint(predicted), response, residual, weight, kind.pattern)
-    return _history(np.array(history), np.array(norms), threshold, kind)
-
-
-def _error_of_reduction(
-    structure: Body, system: "_System", joint: AnyJoint, measured: FrfSet, outputs: tuple[str, ...], k: Array
-) -> float:
-    """Ten times the difference of a reduced model's FRFs from those of its finer reduction, relative; 0 of others."""
-    made = structure.discretisation
-    if made is None or made.kind != "reduced":
-        return 0.0
-    finer = _System(
-        structure.reference(solved=False), joint, measured.converted("receptance"), outputs, system.parametrisation
-    )
-    difference = system.residual(system.predict(k)) - finer.residual(finer.predict(k))
-    return 10 * float(np.linalg.norm(difference) / np.linalg.norm(system.target))
+        to_joint = system.response_to_joint(predicted)
+        columns = -(weight * np.einsum("lro,irs,lsv->ilov", to_joint, kind.pattern, response)).reshape(len(k), -1)
+        matrix = np.concatenate([columns.real, columns.imag], axis=1).T
+        right = -(weight * residual).ravel()
+        right = np.concatenate([right.real, right.imag])
+        length = np.linalg.norm(matrix, axis=0)
+        scale = np.where(length == 0, 1.0, length)
+        solution, *_ = np.linalg.lstsq(matrix / scale, right, rcond=None)
+        k = k + np.where(length == 0, 0.0, solution / scale)  # what does not act stays to the last bit
+    # 3. words
+    stiffness, steps, converged = np.array(history), len(norms) - 1, norms[-1] <= threshold
+    outside = np.flatnonzero(~kind.is_positive_semidefinite(stiffness))
+    words = "converged in {} steps: residual" if converged else "did not converge: after {} steps the residual is"
+    reason = f"{words.format(steps)} {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
+    if outside.size:
+        reason += (
+            f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
+        )
+    iterated = tuple(i for i, quantity in enumerate(kind.quantities) if quantity.places)
+    units = {quantity.name: quantity.unit for quantity in kind.quantities}
+    left = tuple(outside.tolist())
+    return IterationHistory(stiffness, np.array(norms), converged, left, reason, iterated, units=units)
 
 
 class _System:
@@ -203,36 +221,6 @@ class _System:
     def response_to_joint(self, predicted: FrfSet) -> ComplexArray:
         """Response of the outputs to unit force in the joint, shape (lines, r, outputs)."""
         return np.einsum("ar,loa->lro", self._deformation, predicted.select(self._outputs, self._at_joint).values)
-
-
-def _step(
-    to_joint: ComplexArray, response: ComplexArray, residual: ComplexArray, weight: Array, pattern: Array
-) -> Array:
-    """Least-squares Δu of S Δu = −ε_H with real and imaginary parts stacked and columns scaled."""
-    # Cao et al. Eq. (9): S_i = −H^a K_i H^x_v, here for every output and input at once
-    columns = -(weight * np.einsum("lro,irs,lsv->ilov", to_joint, pattern, response)).reshape(len(pattern), -1)
-    matrix = np.concatenate([columns.real, columns.imag], axis=1).T
-    right = -(weight * residual).ravel()
-    right = np.concatenate([right.real, right.imag])
-    size = np.linalg.norm(matrix, axis=0)
-    scale = np.where(size == 0, 1.0, size)
-    solution, *_ = np.linalg.lstsq(matrix / scale, right, rcond=None)
-    return np.where(size == 0, 0.0, solution / scale)  # what does not act stays to the last bit
-
-
-def _history(stiffness: Array, norms: Array, threshold: float, kind: Parametrisation) -> IterationHistory:
-    outside = np.flatnonzero(~kind.is_positive_semidefinite(stiffness))
-    converged = bool(norms[-1] <= threshold)
-    steps = len(norms) - 1
-    words = "converged in {} steps: residual" if converged else "did not converge: after {} steps the residual is"
-    reason = f"{words.format(steps)} {norms[-1]:.1e} of the measured FRF, threshold {threshold:.0e}"
-    if outside.size:
-        reason += (
-            f"; K^J was not positive semidefinite at {outside.size} of {steps + 1} steps, first at step {outside[0]}"
-        )
-    iterated = tuple(i for i, quantity in enumerate(kind.quantities) if quantity.places)
-    units = {quantity.name: quantity.unit for quantity in kind.quantities}
-    return IterationHistory(stiffness, norms, converged, tuple(outside.tolist()), reason, iterated, units=units)
 
 
 def part_to_iterate(problem: Problem) -> Problem | None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import AnyStructure, LowRankCoupling, Ports
 from jointbayes.frf.coupling import free_receptance
-from jointbayes.frf.measured_body import Substructures, substructures
+from jointbayes.frf.measured_body import substructures
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.inference.climb import MANY_UNKNOWNS
 from jointbayes.joint import AnyJoint, JointMatrix
@@ -51,42 +51,28 @@ def measured_receptances(
     sigma = np.sqrt(data.variance) / np.abs(quantity_factor(frf.frequency_hz, data.frf.quantity)[:, None, None])
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
-    free = _free_of_bodies(whole, joint, ports) if whole.measured else _free_of_model(whole, joint, ports)
-    return frf.values, sigma, free
-
-
-def _free_of_bodies(whole: Substructures, joint: AnyJoint, ports: Ports) -> "FreeReceptance":
-    """Of measured bodies beside a modelled one, whose uncertain quantities are as stated."""
-    model = LowRankCoupling(whole, joint, ports)
-    motions = np.vstack([model.along, np.eye(model.along.shape[1])])
-    (free,), r = model.free(np.ones((1, len(whole.modelled.names)))), joint.size
-    driven = free @ motions
-    outputs, inputs = slice(None, model.n_out), slice(model.n_out, None)
-    oj = driven[:, :r, outputs].swapaxes(1, 2)
-    return FreeReceptance(free[:, :r, :r], oj, driven[:, :r, inputs], motions[:, outputs].T @ driven[:, :, inputs])
-
-
-def _free_of_model(whole: Substructures, joint: AnyJoint, given: Ports) -> "FreeReceptance":
-    """Of a structure as it is modelled."""
-    body = whole.modelled.certain()
+    if whole.measured:  # beside a modelled body, whose uncertain quantities are as stated
+        model, r = LowRankCoupling(whole, joint, ports), joint.size
+        motions = np.vstack([model.along, np.eye(model.along.shape[1])])
+        (free,) = model.free(np.ones((1, len(whole.modelled.names))))
+        driven = free @ motions
+        outputs, inputs = slice(None, model.n_out), slice(model.n_out, None)
+        oj, ji = driven[:, :r, outputs].swapaxes(1, 2), driven[:, :r, inputs]
+        blocks = FreeReceptance(free[:, :r, :r], oj, ji, motions[:, outputs].T @ driven[:, :, inputs])
+        return frf.values, sigma, blocks
     # the joint's DOFs stand first among outputs and inputs
-    sides = joint.labels
-    ports = Ports(given.frequency_hz, _unique(sides + given.outputs), _unique(sides + given.inputs))
+    body, sides = whole.modelled.certain(), joint.labels
+    of_outputs, of_inputs = (tuple(dict.fromkeys(sides + labels)) for labels in (frf.outputs, frf.inputs))
     # summed over free modes: a dense solution of every line would cost more than the whole search
-    driven = body.index(ports.outputs + ports.inputs)
-    dofs, k, n = np.unique(driven), len(ports.outputs), len(sides)
-    at = np.arange(len(driven))
-    modes = body.free_modes(dofs, (dofs[:, None] == driven).astype(float), (at < n) | (at >= k))
+    places = body.index(of_outputs + of_inputs)
+    dofs, k, n, at = np.unique(places), len(of_outputs), len(sides), np.arange(len(places))
+    modes = body.free_modes(dofs, (dofs[:, None] == places).astype(float), (at < n) | (at >= k))
     free = free_receptance(body, modes, np.empty((1, 0)), ports.omega, hysteretic=True)[0, :, :k, k:]
     relative = joint.deformations(sides).T
-    rows = [ports.outputs.index(label) for label in given.outputs]
-    columns = [ports.inputs.index(label) for label in given.inputs]
-    return FreeReceptance(
-        relative @ free[:, :n, :n] @ relative.T,
-        free[:, rows, :n] @ relative.T,
-        relative @ free[:, :n, columns],
-        free[:, rows][:, :, columns],
-    )
+    rows = [of_outputs.index(label) for label in frf.outputs]
+    columns = [of_inputs.index(label) for label in frf.inputs]
+    jj, oj = relative @ free[:, :n, :n] @ relative.T, free[:, rows, :n] @ relative.T
+    return frf.values, sigma, FreeReceptance(jj, oj, relative @ free[:, :n, columns], free[:, rows][:, :, columns])
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +83,6 @@ class FreeReceptance:
     oj: ComplexArray
     ji: ComplexArray
     oi: ComplexArray
-
-
-def _unique(labels: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(labels))
 
 
 _LINES = 80  # looked at, equally spaced: what resonates between them does not matter under the first tolerance

@@ -52,7 +52,18 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     if of_noise.any():
         start, _ = _Coordinates.from_point(start, of_noise, prior).climb(log_posterior, np.diag(prior.sd**2))
     (end,), _ = climb_all(squares, start[None], _STEPS, fine=True)
-    return _polished(log_posterior, end)
+    # Newton's method on the density itself, along the edges of the support where these hold the point
+    low, high = prior.support
+    height = float(log_posterior(end)[0])
+    for _ in range(_EDGES):
+        inwards = np.where(end <= low, 1.0, -1.0) * 1e-5 * np.minimum(prior.sd, 1.0)
+        gains = np.asarray(log_posterior(end + np.diag(inwards)) > height)
+        edge = ((end <= low) | (end >= high)) & ~gains
+        coordinates = _Coordinates.from_point(end, ~edge, prior)
+        before, (end, height) = height, coordinates.climb(log_posterior, laplace_covariance(log_posterior, end))
+        if height - before < _SETTLED:
+            break
+    return end, height
 
 
 def refine_where_possible(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
@@ -64,22 +75,6 @@ def refine_where_possible(log_posterior: LogPosterior, theta: Array) -> tuple[Ar
         return refine(log_posterior, theta)
     except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return theta.copy(), float(log_posterior(theta)[0])
-
-
-def _polished(log_posterior: LogPosterior, theta: Array) -> tuple[Array, float]:
-    """End of Newton's method on the density itself, along the edges of the support where these hold it."""
-    prior = log_posterior.prior
-    low, high = prior.support
-    value = float(log_posterior(theta)[0])
-    for _ in range(_EDGES):
-        inwards = np.where(theta <= low, 1.0, -1.0) * 1e-5 * np.minimum(prior.sd, 1.0)
-        gains = np.asarray(log_posterior(theta + np.diag(inwards)) > value)
-        edge = ((theta <= low) | (theta >= high)) & ~gains
-        coordinates = _Coordinates.from_point(theta, ~edge, prior)
-        before, (theta, value) = value, coordinates.climb(log_posterior, laplace_covariance(log_posterior, theta))
-        if value - before < _SETTLED:
-            break
-    return theta, value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,19 +111,16 @@ class _Coordinates:
 
     def climb(self, log_posterior: LogPosterior, covariance: Array) -> tuple[Array, float]:
         """End θ, shape (d,), and height of Newton's method in the free coordinates, from a covariance of θ."""
-        start = self.place[self.free]
-        end, value, _ = newton_climb(lambda moving: log_posterior(self.theta(moving)), start, self._carried(covariance))
-        return self.theta(end[None])[0], value
-
-    def _carried(self, covariance: Array) -> Array:
-        """Covariance of the free coordinates, shape (f, f), from that of θ, shape (d, d)."""
         slope = np.eye(len(covariance))
         if self.ridges:  # ∂φ/∂θ by differences
             step = 1e-6 * slope
             theta = self._bent(self.place[None])
             up, down = (_straightened(self.ridges, theta + sign * step) for sign in (1, -1))
             slope = ((up - down) / 2e-6).T
-        return (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
+        moved = (slope @ covariance @ slope.T)[np.ix_(self.free, self.free)]
+        start = self.place[self.free]
+        end, value, _ = newton_climb(lambda moving: log_posterior(self.theta(moving)), start, moved)
+        return self.theta(end[None])[0], value
 
 
 def _straightened(ridges: tuple[CondensedCoordinates, ...], theta: Array) -> Array:

@@ -6,14 +6,13 @@ Ewins, D. J. (2000). Modal testing: theory, practice and application, 2nd ed., s
 """
 
 import math
-import operator
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import scipy  # its parts load at first use
 
-from jointbayes.inference import Problem, Test
+from jointbayes.inference import Problem
 from vibrecords.arrays import Array, ComplexArray, Indices
 from vibrecords.peaks import LEAST_SD, PROMINENCE, peak_places, shoulders
 
@@ -32,30 +31,28 @@ def on_fewer_lines(problem: Problem) -> Problem:
 
     Each peak keeps lines enough for its shape: between lines that resolve the resonances a search learns nothing.
     """
-    tests = tuple(_on_fewer_lines(test) for test in problem.tests)
-    return problem if all(map(operator.is_, tests, problem.tests)) else replace(problem, tests=tests)
-
-
-def _on_fewer_lines(test: Test) -> Test:
-    frfs = test.data.frfs
-    if frfs is None or test.measured_bodies:
-        return test
-    outputs, inputs = len(frfs.frf.outputs), len(frfs.frf.inputs)
-    widest = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
-    if widest < 2:
-        return test
-    receptances = frfs.frf.converted("receptance").values
-    step = np.full(frfs.frf.n_lines, widest)
-    for output, input_ in product(range(outputs), range(inputs)):
-        values = receptances[:, output, input_]
-        for peak in peak_places(frfs, values, output, input_):
-            first, last = shoulders(np.abs(values), peak)
-            on_peak = slice(first, last + 1)
-            step[on_peak] = np.minimum(step[on_peak], max(1, (last - first + 1) // _ON_A_PEAK))
-    # each line is one over the step of the way to the next that is kept; the first is
-    way = np.cumsum(1 / step) - 1 / step[0]
-    kept = np.flatnonzero(np.diff(np.floor(way + _ROUNDING), prepend=-1.0))
-    return test if _ALMOST_ALL * kept.size > step.size else replace(test, data=frfs.at_lines(kept))
+    tests, changed = list(problem.tests), False
+    for place, test in enumerate(tests):
+        if (frfs := test.data.frfs) is None or test.measured_bodies:
+            continue
+        outputs, inputs = len(frfs.frf.outputs), len(frfs.frf.inputs)
+        widest = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
+        if widest < 2:
+            continue
+        receptances = frfs.frf.converted("receptance").values
+        step = np.full(frfs.frf.n_lines, widest)
+        for output, input_ in product(range(outputs), range(inputs)):
+            values = receptances[:, output, input_]
+            for peak in peak_places(frfs, values, output, input_):
+                first, last = shoulders(np.abs(values), peak)
+                on_peak = slice(first, last + 1)
+                step[on_peak] = np.minimum(step[on_peak], max(1, (last - first + 1) // _ON_A_PEAK))
+        # each line is one over the step of the way to the next that is kept; the first is
+        way = np.cumsum(1 / step) - 1 / step[0]
+        kept = np.flatnonzero(np.diff(np.floor(way + _ROUNDING), prepend=-1.0))
+        if _ALMOST_ALL * kept.size <= step.size:
+            tests[place], changed = replace(test, data=frfs.at_lines(kept)), True
+    return replace(problem, tests=tuple(tests)) if changed else problem
 
 
 class SharedResonances:
@@ -73,8 +70,13 @@ class SharedResonances:
 
     def __init__(self, frequency_hz: Array, measured: ComplexArray, predicted: ComplexArray, sd: Array) -> None:
         self._f, self._want, self._sd = frequency_hz, predicted, sd
-        here, there = (_common_peaks(values, sd) for values in (measured, predicted))
-        self._matched = _matched(frequency_hz, here, there)
+        lines = []
+        for values in (measured, predicted):  # the resonances of all FRFs together
+            scaled = np.abs(values) / np.median(np.abs(values), axis=0)
+            power = np.log((scaled**2).mean(axis=1)) / 2
+            peaks = scipy.signal.find_peaks(power, prominence=PROMINENCE)[0]
+            lines.append(peaks[(np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)])
+        self._matched = _matched(frequency_hz, *lines)
         fits = np.array([self._fits(predicted, p) for _, p in self._matched]).reshape(-1, predicted.shape[1], 3)
         keep = np.isfinite(fits[..., 0]).any(axis=1) if len(fits) else np.zeros(0, dtype=bool)
         self._matched = [pair for pair, kept in zip(self._matched, keep, strict=True) if kept]
@@ -103,14 +105,6 @@ class SharedResonances:
     def _fits(self, values: ComplexArray, peak: int) -> Array:
         """ln of frequency, damping and level of one resonance in each FRF, shape (pairs, 3)."""
         return np.array([fit_resonance(self._f, np.abs(values[:, i]) ** 2, peak) for i in range(values.shape[1])])
-
-
-def _common_peaks(values: ComplexArray, sd: Array) -> Indices:
-    """Lines of the resonances, of all FRFs together."""
-    scaled = np.abs(values) / np.median(np.abs(values), axis=0)
-    power = np.log((scaled**2).mean(axis=1)) / 2
-    peaks = scipy.signal.find_peaks(power, prominence=PROMINENCE)[0]
-    return peaks[(np.abs(values[peaks]) > LEAST_SD * sd[peaks]).any(axis=1)]
 
 
 def _matched(f: Array, measured: Indices, predicted: Indices) -> list[tuple[int, int]]:

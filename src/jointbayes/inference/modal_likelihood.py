@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import singledispatch
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,18 +20,6 @@ from jointbayes.joint import AnyJoint, AnyJointMatrix, joint_matrix_of, symmetri
 from jointbayes.structure import Body
 from vibrecords import ModalData, ModeData
 from vibrecords.arrays import Array, Indices
-
-
-class ValueModel(Protocol):
-    """Predicts measured values as a function of K^J."""
-
-    def predicted_values(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> Array:
-        """Predicted values, shape (batch, m), of joint matrices (batch, r, r) and factors (batch, f)."""
-
-    def tangent(
-        self, matrix: AnyJointMatrix, directions: AnyJointMatrix, factors: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """Predicted values (m,) of one joint and their derivative (p, m) along changes dK^J (p, r, r)."""
 
 
 @singledispatch
@@ -238,7 +226,12 @@ class GaussianLikelihood(Likelihood):
     """
 
     def __init__(
-        self, model: ValueModel, values: Array, sd: Array, names: Sequence[str] = (), noise: NoiseModel | None = None
+        self,
+        model: NaturalFrequencies | ModePrediction,
+        values: Array,
+        sd: Array,
+        names: Sequence[str] = (),
+        noise: NoiseModel | None = None,
     ) -> None:
         self._model, self._measured, self._sd = model, values, sd
         noise = noise or GaussianNoise(1)

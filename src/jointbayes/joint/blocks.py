@@ -107,7 +107,8 @@ class Blocks(Parametrisation):
     def exchanges(self) -> Indices:
         """Columns of θ after exchanges of like joints: all orders of up to four of a kind, and pairs of more.
 
-        Of several tests with quantities of their own, ``low.foot`` and ``high.foot``, joints change places in all.
+        The first exchange leaves them as they are. Of several tests with quantities of their own, ``low.foot`` and
+        ``high.foot``, joints change places in all.
         """
         kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
         columns: dict[str, list[Indices]] = {}
@@ -118,7 +119,12 @@ class Blocks(Parametrisation):
         orders: list[dict[str, str]] = [{}]
         for kind in [kind for i, kind in enumerate(kinds.values()) if kind not in list(kinds.values())[:i]]:
             like = [joint for joint, other in kinds.items() if other == kind]
-            orders = [order | dict(zip(like, new, strict=True)) for order in orders for new in _orders(like)]
+            if len(like) <= _ALL_ORDERS:
+                exchanged = [dict(zip(like, new, strict=True)) for new in permutations(like)]
+            else:
+                none = dict(zip(like, like, strict=True))
+                exchanged = [none, *(none | {one: other, other: one} for one, other in combinations(like, 2))]
+            orders = [order | new for order in orders for new in exchanged]
         columns_after = np.tile(np.arange(len(self.axes)), (len(orders), 1))
         for row, order in zip(columns_after, orders, strict=True):
             for here, taken in order.items():
@@ -203,17 +209,6 @@ class Blocks(Parametrisation):
     def log_compliance_volume(self, theta: Array) -> Array:
         """ln |∂θ/∂φ|, shape (n,): the sum of all."""
         return np.sum(self._each(lambda joint, t: joint.log_compliance_volume(t), theta, False), axis=0)
-
-
-def _orders(names: list[str]) -> list[tuple[str, ...]]:
-    """Orders of up to four names, or those of more in which two have changed places; the first as they are."""
-    if len(names) <= _ALL_ORDERS:
-        return list(permutations(names))
-    swapped = []
-    for first, second in combinations(names, 2):
-        change = {first: second, second: first}
-        swapped.append(tuple(change.get(name, name) for name in names))
-    return [tuple(names), *swapped]
 
 
 def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:

@@ -106,7 +106,36 @@ def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[C
             for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
             for combination in combinations_of(of_joint, block.name)
         ]
-    return _products_of_powers(parametrisation, joint) + _condensed_stiffnesses(parametrisation, joint)
+    # 1. products of small powers of the coordinates that are logarithms of stiffnesses; of many, two at a time
+    stiffnesses = parametrisation.stiffness_names
+    logs = [name for name in parametrisation.names if name in stiffnesses]
+    columns = [stiffnesses.index(name) for name in logs]
+    names = [prefixed(joint, name) for name in logs]
+    every = itertools.product(range(-2, 3), repeat=len(logs)) if len(logs) <= _FEW else _powers_of_pairs(len(logs))
+    products = []
+    for powers in every:
+        used = [p for p in powers if p]
+        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
+            continue  # no simple quantity, or the reciprocal or a power of another one
+        exponents = np.array(powers, dtype=float)
+
+        def product(k: Array, exponents: Array = exponents) -> Array:
+            return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
+
+        products.append(Combination(powers_text(names, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
+    # 2. of a coupled pair the stiffness of one DOF with the other free (1/compliance), det K^J, the cross compliance
+    undamped = parametrisation.of if isinstance(parametrisation, Damped) else parametrisation
+    if not isinstance(undamped, CoupledPair):
+        return products
+    k11, k12, k22 = (prefixed(joint, name) for name in undamped.stiffness_names)
+    condensed = [
+        Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1, "N·m/rad"),
+        Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1, "N/m"),
+        Combination(f"{k11}·{k22} − {k12}²", _determinant, False, 1.6),
+    ]
+    if not isinstance(undamped, SignedCoupling):
+        condensed.append(Combination(f"{k12}/({k11}·{k22} − {k12}²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
+    return products + condensed
 
 
 def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint: str = "") -> list[Combination]:
@@ -143,53 +172,10 @@ def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint
     return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM, "m/N")]
 
 
-def _products_of_powers(parametrisation: Parametrisation, joint: str) -> list[Combination]:
-    """Products of small powers of the coordinates that are logarithms of stiffnesses."""
-    stiffnesses = parametrisation.stiffness_names
-    logs = [name for name in parametrisation.names if name in stiffnesses]
-    columns = [stiffnesses.index(name) for name in logs]
-    names = [prefixed(joint, name) for name in logs]
-    products = []
-    few = len(logs) <= _FEW
-    for powers in itertools.product(range(-2, 3), repeat=len(logs)) if few else _powers_of_pairs(len(logs)):
-        used = [p for p in powers if p]
-        if len(used) < 2 or sum(used) < 0 or math.gcd(*used) != 1 or (sum(used) == 0 and used[0] < 0):
-            continue  # no simple quantity, or the reciprocal or a power of another one
-        exponents = np.array(powers, dtype=float)
-
-        def product(k: Array, exponents: Array = exponents) -> Array:
-            return np.asarray(np.exp(np.log(np.abs(k[:, columns])) @ exponents))  # a prior may have either sign
-
-        products.append(Combination(powers_text(names, powers), product, False, 0.6 + 0.3 * sum(map(abs, used))))
-    return products
-
-
 def _powers_of_pairs(count: int) -> list[tuple[int, ...]]:
     """Small powers of two out of so many."""
-    chosen = []
-    for i, j in itertools.combinations(range(count), 2):
-        for powers in itertools.product((-2, -1, 1, 2), repeat=2):
-            whole = [0] * count
-            whole[i], whole[j] = powers
-            chosen.append(tuple(whole))
-    return chosen
-
-
-def _condensed_stiffnesses(parametrisation: Parametrisation, joint: str) -> list[Combination]:
-    """Of a coupled pair the stiffness of one DOF with the other free (1/compliance), det K^J, the cross compliance."""
-    if isinstance(parametrisation, Damped):
-        return _condensed_stiffnesses(parametrisation.of, joint)
-    if not isinstance(parametrisation, CoupledPair):
-        return []
-    k11, k12, k22 = (prefixed(joint, name) for name in parametrisation.stiffness_names)
-    condensed = [
-        Combination(f"{k22} − {k12}²/{k11}", lambda k: k[:, 2] - k[:, 1] ** 2 / k[:, 0], False, 1.1, "N·m/rad"),
-        Combination(f"{k11} − {k12}²/{k22}", lambda k: k[:, 0] - k[:, 1] ** 2 / k[:, 2], False, 1.1, "N/m"),
-        Combination(f"{k11}·{k22} − {k12}²", _determinant, False, 1.6),
-    ]
-    if not isinstance(parametrisation, SignedCoupling):
-        condensed.append(Combination(f"{k12}/({k11}·{k22} − {k12}²)", lambda k: k[:, 1] / _determinant(k), False, 1.8))
-    return condensed
+    pairs, both = itertools.combinations(range(count), 2), [*itertools.product((-2, -1, 1, 2), repeat=2)]
+    return [tuple({i: p, j: q}.get(n, 0) for n in range(count)) for i, j in pairs for p, q in both]
 
 
 def _determinant(k: Array) -> Array:

@@ -1,6 +1,6 @@
 """Where joints act: DOFs of the structure, against others or ground."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -82,7 +82,17 @@ class Joint:
             found = f"found {len(self.dofs)} DOFs against {len(self.against)}"
             expected = "as many on both sides, or none (ground) on the other"
             raise self._error(("against",), found, expected, "correct the labels")
-        self._require_points_and_directions()
+        for key, labels in (("dofs", self.dofs), ("against", self.against)):
+            points = [label.rpartition(":")[0] for label in labels]
+            other = next((i for i, point in enumerate(points) if point != points[0]), None)
+            if other is not None:
+                expected = f"DOFs of one point on each side, {points[0]}"
+                found, remedy = f"found {labels[other]} beside {labels[0]}", "make it several joints, each with a name"
+                raise self._error((key, other), found, expected, remedy)
+        for i, (near, far) in enumerate(zip(self.dofs, self.against, strict=False)):
+            if ":" in near and ":" in far and direction_of(near) != direction_of(far):
+                expected = f"the same direction on both sides, {direction_of(near)}, in the same order"
+                raise self._error(("against", i), f"found {far} against {near}", expected, "correct the labels")
         if self.axes is not None:
             turn = np.asarray(self.axes, dtype=float)
             if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=_ORTHONORMAL):
@@ -99,19 +109,6 @@ class Joint:
             if np.shape(offset) != (3,) or not np.isfinite(offset).all():
                 raise self._error((side,), f"found {side} {offset}", "x, y and z in m", "correct it")
             object.__setattr__(self, side, tuple(map(float, offset)))
-
-    def _require_points_and_directions(self) -> None:
-        for key, side in (("dofs", self.dofs), ("against", self.against)):
-            points = [label.rpartition(":")[0] for label in side]
-            other = next((i for i, point in enumerate(points) if point != points[0]), None)
-            if other is not None:
-                expected = f"DOFs of one point on each side, {points[0]}"
-                found, remedy = f"found {side[other]} beside {side[0]}", "make it several joints, each with a name"
-                raise self._error((key, other), found, expected, remedy)
-        for i, (near, far) in enumerate(zip(self.dofs, self.against, strict=False)):
-            if ":" in near and ":" in far and direction_of(near) != direction_of(far):
-                expected = f"the same direction on both sides, {direction_of(near)}, in the same order"
-                raise self._error(("against", i), f"found {far} against {near}", expected, "correct the labels")
 
     def _error(self, key: tuple[str | int, ...], found: str, expected: str, remedy: str) -> ModelError:
         return ModelError.of(self._where, key, found, expected, remedy)
@@ -168,27 +165,26 @@ class Joint:
         selection[structure.index(self.labels)] = self.deformations(self.labels)
         return selection
 
-    def _motions(self, dofs: tuple[str, ...], offset: _Vector | None) -> list[Mapping[str, float]]:
+    def _motions(self, dofs: tuple[str, ...], offset: _Vector | None) -> list[dict[str, float]]:
         """Each motion of the joint on one side as a sum of DOFs of the structure."""
         if self.axes is None and offset is None:
             return [{label: 1.0} for label in dofs]
-        return [self._motion(label, offset or _NOWHERE) for label in dofs]
-
-    def _motion(self, label: str, offset: _Vector) -> Mapping[str, float]:
-        node, _, direction = label.rpartition(":")
-        if not node or direction not in DIRECTIONS:
-            raise ModelError(
-                f"{self._where}: found DOF {label!r} of a joint with own axes or an offset; expected a label such as "
-                f"'3:y' that ends with one of {', '.join(DIRECTIONS)}; correct it"
-            )
-        turn = np.eye(3) if self.axes is None else np.array(self.axes)
-        along = turn["xyz".index(direction[-1])]
-        if is_rotation(direction):
-            shares = dict(zip(DIRECTIONS[3:], along.tolist(), strict=True))
-        else:
-            # u + θ × a, so that along · (θ × a) = (a × along) · θ
-            shares = dict(zip(DIRECTIONS, [*along.tolist(), *np.cross(offset, along).tolist()], strict=True))
-        return {f"{node}:{name}": share for name, share in shares.items() if share}
+        turn, motions = np.eye(3) if self.axes is None else np.array(self.axes), []
+        for label in dofs:
+            node, _, direction = label.rpartition(":")
+            if not node or direction not in DIRECTIONS:
+                found = f"found DOF {label!r} of a joint with own axes or an offset"
+                expected = f"a label such as '3:y' that ends with one of {', '.join(DIRECTIONS)}"
+                raise self._error((), found, expected, "correct it")
+            along = turn["xyz".index(direction[-1])]
+            if is_rotation(direction):
+                shares = dict(zip(DIRECTIONS[3:], along.tolist(), strict=True))
+            else:
+                # u + θ × a, so that along · (θ × a) = (a × along) · θ
+                turned = np.cross(offset or _NOWHERE, along)
+                shares = dict(zip(DIRECTIONS, [*along.tolist(), *turned.tolist()], strict=True))
+            motions.append({f"{node}:{name}": share for name, share in shares.items() if share})
+        return motions
 
     def require_one_place(self, position: Callable[[str], Sequence[float] | None]) -> None:
         """Refuse sides that do not meet.

@@ -72,11 +72,24 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
     undamped, hypothesis = split_hypothesis(name)
     if isinstance(joint, Damped):
         other = joint_under_hypothesis(joint.of, name)
-        return other if undamped else _keep_damping(joint, other)
+        # where couplings come in, springs have other names: they are known by their places
+        moving = {axis.quantity for axis in other.axes}
+        places = {q.places: q.name for q in other.quantities if q.name in moving}
+        names = {q.name: places[q.places] for q in joint.of.quantities if q.places in places}
+        names |= {"all": "all"} if moving else {}
+        viscous, loss = (
+            tuple(names[spring] for spring in springs if spring in names)
+            for springs in (joint.viscous, joint.loss_factors)
+        )
+        return Damped(other, viscous, loss) if (viscous or loss) and not undamped else other
     if isinstance(joint, Rigid):
         return joint
     if hypothesis in ("full", "coupled"):
-        directions = _directions(joint)
+        # none of a coupled pair, which is what it is
+        directions = joint.directions if isinstance(joint, FullStiffness) else ()
+        if isinstance(joint, PlainSprings):
+            named = tuple(name[1:] for name in joint.stiffness_names)
+            directions = named if set(named) <= set(DIRECTIONS) else ()
         if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
             raise ModelError(
                 f"comparison: found the hypothesis coupled of a joint in {', '.join(directions)}; expected a joint of "
@@ -91,26 +104,3 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
         "springs": springs,
     }[hypothesis]
     return PlainSprings(tuple(quantity.name for quantity in yielding), joint.quantities)
-
-
-def _keep_damping(joint: Damped, other: Parametrisation) -> Parametrisation:
-    """Another joint with the damping of the springs that yield in it."""
-    moving = {axis.quantity for axis in other.axes}
-    # where couplings come in, springs have other names: they are known by their places
-    places = {q.places: q.name for q in other.quantities if q.name in moving}
-    names = {q.name: places[q.places] for q in joint.of.quantities if q.places in places}
-    viscous = tuple(names[spring] for spring in joint.viscous if spring in names)
-    loss = tuple(
-        names.get(spring, spring) for spring in joint.loss_factors if spring in names or (spring == "all" and moving)
-    )
-    return Damped(other, viscous, loss) if viscous or loss else other
-
-
-def _directions(joint: Parametrisation) -> tuple[str, ...]:
-    """Directions of a joint of springs or of a full one; none of a coupled pair, which is what it is."""
-    if isinstance(joint, FullStiffness):
-        return joint.directions
-    if isinstance(joint, CoupledPair):
-        return ()
-    named = tuple(name[1:] for name in joint.stiffness_names)
-    return named if set(named) <= set(DIRECTIONS) else ()
