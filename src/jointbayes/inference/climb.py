@@ -65,7 +65,11 @@ def climb_all(
 ) -> tuple[Array, Array]:
     """Climb from each start until its next step promises no more than a thousandth in log density.
 
-    A start that at its present pace would not come up with the best within the steps left is given up.
+    1. Take the slope and the curvature of the squares where each start has come, and add the prior's.
+    2. Solve for a step with each of several dampings; no coordinate goes further than most of a prior's deviation.
+    3. Look at the density after all of them, and make the best step.
+    4. Leave out the starts that have arrived, are stuck, or at their present pace would not come up with the best
+       within the steps left.
 
     Parameters
     ----------
@@ -92,16 +96,38 @@ def climb_all(
     for Industrial and Applied Mathematics 11(2), 431-441. DOI 10.1137/0111030
     """
     theta, value = np.array(starts, dtype=float), squares.value(np.asarray(starts, dtype=float))
+    columns, prior, factors = squares.columns, squares.prior, _FINE_FACTORS if fine else _FACTORS
+    (low, high), sd, diagonal = prior.support, prior.sd[columns], np.arange(columns.size)
     damping = np.full(len(theta), 0.1)
-    climbing = np.isfinite(value) & (squares.columns.size > 0)
-    for step in range(steps):
+    climbing = np.isfinite(value) & (columns.size > 0)
+    for number in range(steps):
         chosen = np.flatnonzero(climbing)
         if not chosen.size:
             break
         if tell(len(theta) - chosen.size, len(theta)):
             break
-        moves, promised = _moves(squares, theta[chosen], damping[chosen], fine)
-        low, high = squares.prior.support
+        # 1. slope and curvature; a coordinate at its end that would go on beyond it stays
+        gradient, normal = _normal_equations(squares, theta[chosen])
+        gradient += (prior.precision * (theta[chosen] - prior.mean))[:, columns]
+        normal[:, diagonal, diagonal] += prior.precision[columns]
+        here = theta[chosen][:, columns]
+        held = ((here <= low[columns]) & (gradient > 0)) | ((here >= high[columns]) & (gradient < 0))
+        gradient[held] = 0.0
+        normal[held] = 0.0
+        normal.swapaxes(1, 2)[held] = 0.0
+        size = normal[:, diagonal, diagonal] + 1 / sd**2
+        normal[:, diagonal, diagonal] += np.where(held, size, 0.0)
+        # 2. steps of each damping, and what the least damped promises
+        damped = np.repeat(normal[:, None], factors.size, axis=1)
+        by = np.broadcast_to(1 / sd**2, size.shape) if fine else size
+        damped[..., diagonal, diagonal] += (damping[chosen, None] * factors)[..., None] * by[:, None]
+        damped[..., diagonal, diagonal] += 1e-12 * size[:, None]
+        step = -np.linalg.solve(damped, np.repeat(gradient[:, None, :, None], factors.size, axis=1))[..., 0]
+        promised = -0.5 * np.einsum("nd,nd->n", step[:, 0], gradient)
+        step *= _FARTHEST / np.maximum(np.abs(step / sd).max(axis=-1, keepdims=True), _FARTHEST)
+        moves = np.zeros((chosen.size, factors.size, theta.shape[1]))
+        moves[:, :, columns] = step
+        # 3. the best of them
         trials = np.clip(theta[chosen, None] + moves, low, high)
         values = squares.value(trials.reshape(-1, theta.shape[1])).reshape(trials.shape[:2])
         unseen = fine & (promised < _ROUNDING * (1 + np.abs(value[chosen]))) & (values[:, 0] > value[chosen] - _GAIN)
@@ -111,46 +137,16 @@ def climb_all(
         better = (risen > 0) | unseen
         theta[chosen[better]] = trials[row, best][better]
         value[chosen[better]] = values[row, best][better]
-        damping[chosen] *= np.where(better, (_FINE_FACTORS if fine else _FACTORS)[best], 1e5)
+        damping[chosen] *= np.where(better, factors[best], 1e5)
         np.maximum(damping, _FINE_LEAST if fine else _LEAST, out=damping)
+        # 4. who goes on
         arrived = unseen if fine else (promised < _GAIN) & ~(risen > _GAIN)
         stuck = damping[chosen] > _MOST
         behind = np.zeros(chosen.size, dtype=bool)
-        if step >= _PATIENCE:
-            behind = value[chosen] + np.maximum(risen, 0.0) * (steps - step) < value.max()
+        if number >= _PATIENCE:
+            behind = value[chosen] + np.maximum(risen, 0.0) * (steps - number) < value.max()
         climbing[chosen[arrived | stuck | behind]] = False
     return theta, value
-
-
-def _moves(squares: Squares, theta: Array, damping: Array, fine: bool) -> tuple[Array, Array]:
-    """Steps for each of the dampings tried, shape (n, factors, d), and what the least damped promises, shape (n,)."""
-    columns, prior = squares.columns, squares.prior
-    gradient, normal = _normal_equations(squares, theta)
-    gradient += (prior.precision * (theta - prior.mean))[:, columns]
-    diagonal = np.arange(columns.size)
-    normal[:, diagonal, diagonal] += prior.precision[columns]
-    low, high = (end[columns] for end in prior.support)
-    here = theta[:, columns]
-    # a coordinate at its end that would go on beyond it stays
-    held = ((here <= low) & (gradient > 0)) | ((here >= high) & (gradient < 0))
-    gradient[held] = 0.0
-    normal[held] = 0.0
-    normal.swapaxes(1, 2)[held] = 0.0
-    sd = prior.sd[columns]
-    factors = _FINE_FACTORS if fine else _FACTORS
-    size = normal[:, diagonal, diagonal] + 1 / sd**2
-    normal[:, diagonal, diagonal] += np.where(held, size, 0.0)
-    damped = np.repeat(normal[:, None], factors.size, axis=1)
-    by = np.broadcast_to(1 / sd**2, size.shape) if fine else size
-    damped[..., diagonal, diagonal] += (damping[:, None] * factors)[..., None] * by[:, None]
-    damped[..., diagonal, diagonal] += 1e-12 * size[:, None]
-    step = -np.linalg.solve(damped, np.repeat(gradient[:, None, :, None], factors.size, axis=1))[..., 0]
-    promised = -0.5 * np.einsum("nd,nd->n", step[:, 0], gradient)
-    longest = np.abs(step / sd).max(axis=-1, keepdims=True)
-    step *= _FARTHEST / np.maximum(longest, _FARTHEST)
-    moves = np.zeros((len(theta), factors.size, theta.shape[1]))
-    moves[:, :, columns] = step
-    return moves, promised
 
 
 def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
@@ -314,9 +310,10 @@ class LimitClimb:
             How high the density is to be, and by how much it may miss that.
         """
         place, failed, margin = start, 0, _MARGIN * self.prior.sd
-        low, high = reach(self.prior, EDGE)
+        (low, high), cones = reach(self.prior, EDGE), [c.normal(start.size) for c in self.prior.parametrisation.cones]
         while steps and failed < _FAILED:
             steps -= 1
+            # 1. density and quantity about the point
             step = _OF_AXES * _CLOSER**failed
             around = np.clip(stencil(place, axes, step), low - margin, high + margin)
             heights = yield around
@@ -324,9 +321,22 @@ class LimitClimb:
                 failed += 1
                 continue
             values = self._values(around, heights)
-            move, turn = self._move(place, axes, heights, values, step, level)
+            # 2. the farthest point of the paraboloid's ball, and the turn (k, k) that rounds it
+            here, slope, bent = from_stencil(heights, step)
+            _, along, curved = from_stencil(values, step)
+            # the quantity bends as well: at the end both slopes are parallel, and their ratio is what that counts
+            ratio = max(float(np.linalg.norm(along)) / max(float(np.linalg.norm(slope)), 1.0), 1e-3)
+            hessian = bent if self.sought is None else bent + curved / ratio
+            curvature, vectors = np.linalg.eigh(-(hessian + hessian.T) / 2)
+            turn = vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
+            forward = None if self.sought is None else turn.T @ along
+            sides = np.array([*np.eye(place.size), *-np.eye(place.size), *cones])
+            room = np.maximum(np.concatenate([high, -low, np.full(len(cones), -EDGE)]) - sides @ place, 0.0)
+            turned = axes @ turn
+            move = turned @ farthest_in_ball(turn.T @ slope, here - level, forward, sides @ turned, room)
             # axes far wider than the density is say little of it: the next ones, which follow its curvature, do
-            settled, axes = np.linalg.norm(turn, 2, axis=0).min() > _SETTLED, axes @ turn
+            settled, axes = np.linalg.norm(turn, 2, axis=0).min() > _SETTLED, turned
+            # 3. the farthest of shorter steps that is high enough
             trials = np.clip(place + _LENGTHS[:, None] * move, low, high)
             trial_heights = yield trials
             trial_values = self._values(trials, trial_heights)
@@ -345,24 +355,6 @@ class LimitClimb:
     def _values(self, theta: Array, heights: Array) -> Array:
         """What is sought, shape (n,)."""
         return heights if self.sought is None else self.sought(theta) + _HIGHER * heights
-
-    def _move(
-        self, place: Array, axes: Array, heights: Array, values: Array, step: float, level: float
-    ) -> tuple[Array, Array]:
-        """Step to the farthest point of the paraboloid's ball, shape (d,), and the turn (k, k) that rounds it."""
-        here, slope, bent = from_stencil(heights, step)
-        _, along, curved = from_stencil(values, step)
-        # the quantity bends as well: at the end both slopes are parallel, and their ratio is what that counts
-        ratio = max(float(np.linalg.norm(along)) / max(float(np.linalg.norm(slope)), 1.0), 1e-3)
-        hessian = bent if self.sought is None else bent + curved / ratio
-        curvature, vectors = np.linalg.eigh(-(hessian + hessian.T) / 2)
-        turn = vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
-        turned = axes @ turn
-        forward = None if self.sought is None else turn.T @ along
-        (low, high), cones = reach(self.prior, EDGE), [c.normal(place.size) for c in self.prior.parametrisation.cones]
-        sides = np.array([*np.eye(place.size), *-np.eye(place.size), *cones])
-        room = np.maximum(np.concatenate([high, -low, np.full(len(cones), -EDGE)]) - sides @ place, 0.0)
-        return turned @ farthest_in_ball(turn.T @ slope, here - level, forward, sides @ turned, room), turn
 
 
 _HIGHER = 1e-4  # of what is sought that one unit of ln of the density is worth: of equal ends the likeliest

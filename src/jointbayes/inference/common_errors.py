@@ -5,7 +5,7 @@ the overhang does, a spring where the modes move at it, d ln f = φ²/(2 ω²) p
 Shapes follow: a spring mixes the modes, and sensors stay where they are on the body when its clamp's edge is elsewhere.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -111,37 +111,29 @@ def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
     if not components:
         return change
     end = _overhang(test)
-    slopes = [_slope(test, dof, end) for dof in dofs]
-    from_free_end = [_from_free_end(test, dof, end) for dof in dofs]
+    longest = float(np.linalg.norm(end))
+    # 1. how far each sensor is from the free end, and the slope there: a sum of rotations, (ω × t)·e
+    slopes, from_free_end = [], []
+    for label in dofs:
+        sensor, root = (test.structures.position(of) for of in (label, test.joints.labels[0]))
+        assert sensor is not None
+        assert root is not None
+        from_free_end.append(longest - float((np.array(sensor) - np.array(root)) @ end) / longest)
+        point, _, direction = label.rpartition(":")
+        turns = np.cross(np.eye(3), end / longest)[:, _AXES.index(direction)] if direction in _AXES else np.zeros(3)
+        terms = {f"{point}:r{axis}": float(t) for axis, t in zip(_AXES, turns, strict=True) if abs(t) > _STRAIGHT}
+        slopes.append({turn: factor for turn, factor in terms.items() if turn in test.structures.labels})
+    # 2. what both make of each component
     turning = tuple(dict.fromkeys(label for terms in slopes for label in terms))
     stiffness, factors, numbers = _joint_and_numbers(part, theta)
     motions = _modes_at(test, test.joints, int(max(numbers)), (*dofs, *turning), stiffness, factors).shapes[0]
     for row, place, dof, reference in components:
         motion = motions[numbers[place] - 1]
-        turns = dict(zip(turning, motion[len(dofs) :], strict=True))
-        slope = [sum(factor * turns[turn] for turn, factor in terms.items()) for terms in slopes]
+        turned = dict(zip(turning, motion[len(dofs) :], strict=True))
+        slope = [sum(factor * turned[turn] for turn, factor in terms.items()) for terms in slopes]
         moved = np.multiply(from_free_end, slope)
         change[row] = _of_ratio(motion, moved, dof, reference) / data.sd[row]
     return change
-
-
-def _slope(test: Test, dof: str, end: Array) -> Mapping[str, float]:
-    """Rotations whose sum, with these factors, is how a motion grows along a straight body: (ω × t)·e."""
-    point, _, direction = dof.rpartition(":")
-    if direction not in _AXES:
-        return {}
-    turns = np.cross(np.eye(3), end / np.linalg.norm(end))[:, _AXES.index(direction)]
-    terms = {f"{point}:r{axis}": float(turn) for axis, turn in zip(_AXES, turns, strict=True) if abs(turn) > _STRAIGHT}
-    return {label: factor for label, factor in terms.items() if label in test.structures.labels}
-
-
-def _from_free_end(test: Test, dof: str, end: Array) -> float:
-    """Distance of a sensor of a straight body from its free end, m."""
-    place, root = (test.structures.position(label) for label in (dof, test.joints.labels[0]))
-    assert place is not None
-    assert root is not None
-    longest = float(np.linalg.norm(end))
-    return longest - float((np.array(place) - np.array(root)) @ end) / longest
 
 
 def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:

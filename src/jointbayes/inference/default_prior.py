@@ -16,7 +16,6 @@ from jointbayes.joint import (
     COUPLED,
     AnyJoint,
     Coordinate,
-    Joint,
     Parametrisation,
     Quantity,
     blocks_of,
@@ -111,7 +110,9 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
         for joint in joints.joints:
             if joint.name in kinds:
                 continue
-            kind = _default_kind(joint)
+            directions = tuple(label.rpartition(":")[2] for label in joint.dofs)
+            pair = list(map(is_rotation, directions)) == [False, True]
+            kind = parametrisation_named("log" if pair else "springs", directions)
             sides = [side for side in (joint.dofs, joint.against) if side and side[0] in body.labels]
             if not sides:
                 raise ModelError(
@@ -123,9 +124,3 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
             marginals += [default_marginal(axis, sizes, extent) for axis in kind.axes]
             kinds[joint.name] = kind
     return JointPrior(blocks_of(kinds), tuple(marginals))
-
-
-def _default_kind(joint: Joint) -> Parametrisation:
-    directions = tuple(label.rpartition(":")[2] for label in joint.dofs)
-    pair = list(map(is_rotation, directions)) == [False, True]
-    return parametrisation_named("log" if pair else "springs", directions)

@@ -168,19 +168,15 @@ class LogPosterior:
             linearised = (self.residuals(point) for point in many)
             return np.array([-jacobian.T @ residual for residual, jacobian in linearised]).reshape(t.shape)
         if self.prior.nuisances or not self.gaussian:
-            return self._differences(many).reshape(t.shape)
+            # differences inside the support, in one call; 0 along what has no room in it
+            step, (n, d) = 1e-5 * np.minimum(self.prior.sd, 1.0), many.shape
+            sides = [self.prior.moved(point, np.diag(sign * step)) for point in many for sign in (1, -1)]
+            moved = np.reshape(sides, (n, 2, d, d))
+            value = self(moved.reshape(-1, d)).reshape(n, 2, d)
+            apart, by_difference = np.diagonal(moved[:, 0] - moved[:, 1], axis1=1, axis2=2), np.zeros((n, d))
+            np.divide(value[:, 0] - value[:, 1], apart, out=by_difference, where=apart > 0)
+            return by_difference.reshape(t.shape)
         _, slope = self.likelihood.gradient(self._parametrisation.matrix(self._parametrisation.values(many)))
         by_quantity = np.einsum("nij,kij->nk", slope, self._parametrisation.pattern)
         by_theta = np.einsum("nk,nkt->nt", by_quantity, self._parametrisation.derivative(many))
         return (by_theta - self.prior.precision * (many - self.prior.mean)).reshape(t.shape)
-
-    def _differences(self, many: Array) -> Array:
-        """∇ ln p, shape (n, d), by differences inside the support, in one call; 0 along what has no room in it."""
-        step, (n, d) = 1e-5 * np.minimum(self.prior.sd, 1.0), many.shape
-        sides = [self.prior.moved(theta, np.diag(sign * step)) for theta in many for sign in (1, -1)]
-        moved = np.reshape(sides, (n, 2, d, d))
-        value = self(moved.reshape(-1, d)).reshape(n, 2, d)
-        apart = np.diagonal(moved[:, 0] - moved[:, 1], axis1=1, axis2=2)
-        slope = np.zeros((n, d))
-        np.divide(value[:, 0] - value[:, 1], apart, out=slope, where=apart > 0)
-        return slope

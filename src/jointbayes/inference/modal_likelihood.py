@@ -88,10 +88,14 @@ class ModePrediction:
         self._reference = np.array([place[label] for label in data.references], dtype=np.intp)
         pairs = [(place[output], place[input_]) for output, input_ in constants.pairs] if constants else []
         self._pairs = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        #: Measured shapes at the DOFs of `ModeData.dofs_of_modes`, NaN where unknown, shape (n, DOFs).
-        self.measured_shapes = _whole_shapes(data)
-        #: Place of each measured value among the predicted ones of all modes: frequencies, ratios and so on.
         n, p, q = len(self._numbers), len(self._shown), len(pairs)
+        #: Measured shapes at the DOFs of `ModeData.dofs_of_modes`, shape (n, DOFs): means over repetitions, 1 at the
+        #: reference, NaN where unknown.
+        self.measured_shapes = np.full((n, len(place) if shapes else 0), np.nan)
+        if shapes:
+            self.measured_shapes[:, self._shown] = shapes.components.mean()[0]
+            self.measured_shapes[np.arange(n), self._reference] = 1.0
+        #: Place of each measured value among the predicted ones of all modes: frequencies, ratios and so on.
         width = {"shape": p, "constant": q}
         first = {"frequency": 0, "eigenvalue": 0, "damping": n, "shape": 2 * n, "constant": (2 + p) * n}
         first["zero"] = (2 + p + q) * n
@@ -189,20 +193,6 @@ def _taken(modal: Modal, places: Indices) -> Modal:
         np.take_along_axis(modal.shapes, places[:, :, None], axis=1),
         modal.zeros_hz,
     )
-
-
-def _whole_shapes(data: ModeData) -> Array:
-    """Measured shapes at all DOFs, 1 at the reference, means over repetitions, NaN where unknown: shape (n, DOFs)."""
-    if data.shapes is None:
-        return np.empty((len(data.numbers), 0))
-    place = {label: i for i, label in enumerate(data.dofs_of_modes)}
-    whole = np.full((len(data.numbers), len(place)), np.nan)
-    mean, _ = data.shapes.components.mean()
-    for i, label in enumerate(data.shapes.dofs):
-        whole[:, place[label]] = mean[:, i]
-    for mode, label in enumerate(data.references):
-        whole[mode, place[label]] = 1.0
-    return whole
 
 
 class GaussianLikelihood(Likelihood):

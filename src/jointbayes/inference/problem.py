@@ -186,7 +186,10 @@ class Problem:
             raise ModelError(
                 f"problem: found no {', '.join(missing)}; expected structure, joint and data, or tests; pass them"
             )
-        _require_names(tests)
+        names = [test.name for test in tests]
+        if len(names) > 1 and (len(set(names)) != len(names) or "" in names):
+            listed = ", ".join(map(repr, names))
+            raise ModelError(f"problem: found tests named {listed}; expected a name for each; rename them")
         require_own_bodies(tests)
         if prior is None:
             prior = default_prior([(test.structure, test.joints, test.data) for test in tests])
@@ -331,7 +334,20 @@ class Problem:
                 f"{self.name}: found priors of {', '.join(idle)}, on which no test depends; expected quantities of "
                 "the tests; correct the names or leave them out"
             )
-        likelihood = TestsLikelihood(self._nuisances, terms, self._sharing(terms))
+        # tests whose noise models share errors; those of one structure, joined alike, with the same unknowns, all
+        by_law: dict[Hashable, list[int]] = {}
+        for place, term in enumerate(terms):
+            by_law.setdefault(term.likelihood.noise.shares, []).append(place)
+        sharing = []
+        for places in (places for law, places in by_law.items() if law is not None and len(places) > 1):
+            bodies: list[int] = []
+            for place in places:
+                alike = (i for i in dict.fromkeys(bodies) if np.array_equal(terms[i].columns, terms[place].columns))
+                same = (first for first in alike if is_one_structure(self.tests[first], self.tests[place]))
+                bodies.append(next(same, place))
+            noises = [terms[place].likelihood.noise for place in places]
+            sharing.append(Sharing(tuple(places), noises[0].shared(noises, bodies)))
+        likelihood = TestsLikelihood(self._nuisances, terms, sharing)
         return LogPosterior(self.prior, likelihood, self.extra_log_likelihood)
 
     def log_likelihood(self, theta: ArrayLike) -> Array:
@@ -356,27 +372,6 @@ class Problem:
         likelihood = likelihood_of(test.data, test, gain=own_name(test.name, "gain", self._nuisances) is not None)
         columns = columns_of_names(test.name, likelihood.names, self._nuisances)
         return Term(likelihood, slice(row, row + test.joints.size), columns)
-
-    def _sharing(self, terms: Sequence[Term]) -> list[Sharing]:
-        """Tests whose noise models share errors; those of one structure, joined alike, with the same unknowns, all."""
-        by_law: dict[Hashable, list[int]] = {}
-        for place, term in enumerate(terms):
-            by_law.setdefault(term.likelihood.noise.shares, []).append(place)
-        sharing = []
-        for law, places in by_law.items():
-            if law is None or len(places) == 1:
-                continue
-            bodies: list[int] = []
-            for place in places:
-                same = (first for first in dict.fromkeys(bodies) if self._is_one_structure(terms, first, place))
-                bodies.append(next(same, place))
-            noises = [terms[place].likelihood.noise for place in places]
-            sharing.append(Sharing(tuple(places), noises[0].shared(noises, bodies)))
-        return sharing
-
-    def _is_one_structure(self, terms: Sequence[Term], first: int, second: int) -> bool:
-        same_unknowns = np.array_equal(terms[first].columns, terms[second].columns)
-        return same_unknowns and is_one_structure(self.tests[first], self.tests[second])
 
     @cached_property
     def _nuisances(self) -> tuple[str, ...]:
@@ -518,18 +513,3 @@ def _is_same_body(first: Any, second: Any) -> bool:  # noqa: ANN401
     if isinstance(first, tuple):
         return len(first) == len(second) and all(map(_is_same_body, first, second))
     return bool(np.array_equal(first, second)) if isinstance(first, np.ndarray) else bool(first == second)
-
-
-def _require_names(tests: Sequence[Test]) -> None:
-    """Refuse several tests of which one has no name, or that of another.
-
-    Raises
-    ------
-    ModelError
-        If one has.
-    """
-    names = [test.name for test in tests]
-    if len(names) > 1 and (len(set(names)) != len(names) or "" in names):
-        raise ModelError(
-            f"problem: found tests named {', '.join(map(repr, names))}; expected a name for each; rename them"
-        )

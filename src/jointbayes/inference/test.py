@@ -183,7 +183,9 @@ def require_own_bodies(tests: Sequence[Test]) -> None:
         whole = substructures(test.structure)
         bodies = whole.measured if whole.propagate else ()
         for body in bodies:
-            other = next((name for name, earlier in owners if _is_one_measurement(earlier, body)), None)
+            lines, frfs = body.frequency_hz, body.receptance
+            same = (np.array_equal(b.frequency_hz, lines) and np.array_equal(b.receptance, frfs) for _, b in owners)
+            other = next((name for (name, _), is_same in zip(owners, same, strict=True) if is_same), None)
             if other is not None:
                 raise ModelError(
                     f"problem: found one measurement of the body {body.name} in tests {other} and {test.name}, with "
@@ -191,12 +193,6 @@ def require_own_bodies(tests: Sequence[Test]) -> None:
                     "measure the body again"
                 )
         owners += ((test.name, body) for body in bodies)
-
-
-def _is_one_measurement(first: MeasuredBody, second: MeasuredBody) -> bool:
-    return first is second or (
-        np.array_equal(first.frequency_hz, second.frequency_hz) and np.array_equal(first.receptance, second.receptance)
-    )
 
 
 def own_name(test: str, name: str, names: Iterable[str]) -> str | None:
@@ -248,11 +244,9 @@ def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Paramet
         joints = test.joints
         for joint in joints.joints:
             own_joint = prefixed(test.name, joint.name) if joint.name else test.name
-            block = (
-                by_joint.get(own_joint)
-                or by_joint.get(joint.name)
-                or (blocks[0] if _is_lone_joint(blocks, joints) else None)
-            )
+            # one set of quantities without a name meets one joint, whatever its name
+            lone = blocks[0] if len(blocks) == 1 and not blocks[0].name and len(joints.joints) < 2 else None
+            block = by_joint.get(own_joint) or by_joint.get(joint.name) or lone
             if block is None or block.parametrisation.size != joint.size:
                 those = "none" if block is None else f"those of {block.parametrisation.size} DOFs"
                 raise ModelError(
@@ -265,8 +259,3 @@ def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Paramet
     if not isinstance(parametrisation, Blocks) and rows[""] == [0]:
         return parametrisation
     return Blocks(tuple(replace(block, rows=tuple(rows[block.name])) for block in blocks))
-
-
-def _is_lone_joint(blocks: Sequence[Block], joints: AnyJoint) -> bool:
-    """Whether one set of quantities without a name meets one joint, whatever its name."""
-    return len(blocks) == 1 and not blocks[0].name and len(joints.joints) < 2

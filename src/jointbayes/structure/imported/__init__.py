@@ -13,4 +13,3 @@ from jointbayes.structure.imported.ports import port_forms as port_forms
 from jointbayes.structure.imported.read import read_structure as read_structure
 from jointbayes.structure.imported.reduction import ReducedModel as ReducedModel
 from jointbayes.structure.imported.reduction import ReducedPart as ReducedPart
-from jointbayes.structure.imported.reduction import reduce_model as reduce_model
