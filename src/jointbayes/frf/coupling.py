@@ -121,10 +121,8 @@ class LowRankCoupling:
         whole = substructures(structure)
         self._body = body = whole.modelled
         if body.damping.of_assembled_modes and not whole.measured:
-            raise ModelError(
-                "low-rank coupling: found modal damping of the assembled structure; expected a loss factor or "
-                "Rayleigh damping; use the modal sum instead"
-            )
+            found, expected = "found modal damping of the assembled structure", "a loss factor or Rayleigh damping"
+            raise ModelError.of("low-rank coupling", (), found, expected, "use the modal sum instead")
         if body.names and body.damping.matrix is not None:
             raise ModelError(
                 f"low-rank coupling: found the uncertain quantities {', '.join(body.names)} with a damping matrix, "

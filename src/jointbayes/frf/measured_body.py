@@ -84,32 +84,26 @@ class MeasuredBody:
         lines, m = self.frequency_hz.size, len(self.dofs)
         pairs = m * (m + 1) // 2
         if m == 0 or len(set(self.dofs)) != m:
-            raise MeasurementError(f"{self._where}: found DOFs {self.dofs}; expected one or more, each label once")
+            raise MeasurementError.of(f"{self._where}", (), f"found DOFs {self.dofs}", "one or more, each label once")
         if self.frequency_hz.ndim != 1 or not lines or not (np.diff(self.frequency_hz) > 0).all():
-            raise MeasurementError(
-                f"{self._where}: found lines that do not increase; expected one or more frequencies, each above "
-                "the one before; sort them with their receptances"
-            )
+            found, expected = "found lines that do not increase", "one or more frequencies, each above the one before"
+            raise MeasurementError.of(f"{self._where}", (), found, expected, "sort them with their receptances")
         for what, array, shape in (
             ("receptances", self.receptance, (lines, m, m)),
             ("a covariance", self.covariance, (lines, pairs, pairs)),
         ):
             if array.shape != shape or not np.isfinite(array).all():
-                raise MeasurementError(
-                    f"{self._where}: found {what} of shape {array.shape}; expected finite numbers of shape {shape}"
-                )
+                found = f"found {what} of shape {array.shape}"
+                raise MeasurementError.of(f"{self._where}", (), found, f"finite numbers of shape {shape}")
         if not _is_symmetric(self.receptance):
-            raise MeasurementError(
-                f"{self._where}: found receptances that are not symmetric; expected A_ab = A_ba; use MeasuredBody.of"
-            )
+            found = "found receptances that are not symmetric"
+            raise MeasurementError.of(f"{self._where}", (), found, "A_ab = A_ba", "use MeasuredBody.of")
         size = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
         size = np.where(size > 0, size, 1.0)
         lowest = np.linalg.eigvalsh(self.covariance / (size[:, :, None] * size[:, None, :]))[:, 0]
         if not _is_symmetric(self.covariance) or not (lowest >= _NEGATIVE).all():
-            raise MeasurementError(
-                f"{self._where}: found a covariance that is not positive semidefinite at some line; expected one that "
-                "is; correct the variances"
-            )
+            found = "found a covariance that is not positive semidefinite at some line"
+            raise MeasurementError.of(f"{self._where}", (), found, "one that is", "correct the variances")
 
     def __repr__(self) -> str:
         f = self.frequency_hz
@@ -143,9 +137,8 @@ class MeasuredBody:
         factor = quantity_factor(frf.frequency_hz, "receptance", frf.quantity)[:, None, None]
         values, variances = frf.values * factor, np.asarray(variance, dtype=float) * np.abs(factor) ** 2
         if variances.shape != values.shape or not (np.isfinite(variances).all() and (variances >= 0).all()):
-            raise MeasurementError(
-                f"measured body {name}: found variances of shape {variances.shape}; expected {values.shape}, 0 or more"
-            )
+            found = f"found variances of shape {variances.shape}"
+            raise MeasurementError.of(f"measured body {name}", (), found, f"{values.shape}, 0 or more")
         dofs = tuple(dict.fromkeys((*frf.outputs, *frf.inputs)))
         rows, columns = np.triu_indices(len(dofs))
         entries = np.empty((len(values), rows.size), dtype=complex)
@@ -166,11 +159,9 @@ class MeasuredBody:
             (first, v1), (second, v2) = ways
             gap, noisy = np.abs(first - second), v1 + v2 > 0
             if np.median(gap) > NOT_RECIPROCAL * np.median((np.abs(first) + np.abs(second)) / 2):
-                raise MeasurementError(
-                    f"measured body {name}: {dofs[a]} and {dofs[b]}: found FRFs that differ by more than half of their "
-                    "size when response and force change places; expected them equal by reciprocity; check directions, "
-                    "signs and labels of the channels"
-                )
+                found = "found FRFs that differ by more than half of their size when response and force change places"
+                expected, remedy = "them equal by reciprocity", "check directions, signs and labels of the channels"
+                raise MeasurementError.of(f"measured body {name}: {dofs[a]} and {dofs[b]}", (), found, expected, remedy)
             if noisy.any():
                 off.append(float(np.mean(gap[noisy] ** 2 / (v1 + v2)[noisy])))
         receptance = np.empty((len(values), len(dofs), len(dofs)), dtype=complex)
@@ -199,10 +190,8 @@ class MeasuredBody:
         for row, (label, shares) in enumerate(motions.items()):
             for dof, share in shares.items():
                 if dof not in self.dofs:
-                    raise MeasurementError(
-                        f"{self._where}: found {dof} in the motion {label}; expected one of {', '.join(self.dofs)}; "
-                        "measure it or correct the label"
-                    )
+                    found, expected = f"found {dof} in the motion {label}", f"one of {', '.join(self.dofs)}"
+                    raise MeasurementError.of(f"{self._where}", (), found, expected, "measure it or correct the label")
                 turn[row, self.dofs.index(dof)] = share
         a, b = np.triu_indices(len(self.dofs))
         p, q = np.triu_indices(len(motions))
@@ -284,15 +273,14 @@ class Substructures:
         object.__setattr__(self, "measured", tuple(self.measured))
         names = [body.name for body in self.measured]
         if len(set(names)) != len(names):
-            raise ModelError(f"substructures: found bodies {', '.join(names)}; expected each name once; rename one")
+            raise ModelError.of("substructures", (), f"found bodies {', '.join(names)}", "each name once", "rename one")
         owner = dict.fromkeys(self.modelled.labels if self.measured else (), "the modelled structure")
         for body in self.measured:
             for label in body.dofs:
                 if label in owner:
-                    raise ModelError(
-                        f"substructures: found DOF {label} in measured body {body.name} and in {owner[label]}; "
-                        "expected each label in one body; rename it in one of them"
-                    )
+                    found = f"found DOF {label} in measured body {body.name} and in {owner[label]}"
+                    expected = "each label in one body"
+                    raise ModelError.of("substructures", (), found, expected, "rename it in one of them")
                 owner[label] = f"measured body {body.name}"
 
     def __repr__(self) -> str:

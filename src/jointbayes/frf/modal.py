@@ -233,7 +233,7 @@ class LowestModes:
         self._assemble(body.at(dict.fromkeys((*joint.labels, *dofs)), top_hz), joint, dofs)
         n = self._body.n_dofs - self._modes.rigid
         if not 1 <= count <= n:
-            raise ModelError(f"modes: found a count of {count}; expected 1 to {n}")
+            raise ModelError.of("modes", (), f"found a count of {count}", f"1 to {n}")
         self._counted = slice(self._modes.rigid, self._modes.rigid + count)
 
     def _assemble(self, body: Body, joint: AnyJoint, dofs: Sequence[str]) -> None:
@@ -288,10 +288,8 @@ class AssembledModes:
 
     def __init__(self, body: Body, joint: AnyJoint, ports: Ports) -> None:
         if not body.damping.of_assembled_modes:
-            raise ModelError(
-                "modal sum: found a loss factor or Rayleigh damping; expected modal damping ratios; "
-                "use the low-rank coupling instead"
-            )
+            found = "found a loss factor or Rayleigh damping"
+            raise ModelError.of("modal sum", (), found, "modal damping ratios", "use the low-rank coupling instead")
         taking_part = TakingPart.of(body, joint, ports.outputs + ports.inputs)
         self._along = taking_part.along
         forced = np.arange(self._along.shape[1]) >= len(ports.outputs)

@@ -85,7 +85,7 @@ class AssembledShapes(LowestModes):
             n, found = self._body.n_dofs - rigid - 1, sorted(self._zeros[label])
             if not 0 <= found[0] <= found[-1] < n:
                 numbers = ", ".join(str(number + 1) for number in found)
-                raise ModelError(f"antiresonances of {label}: found numbers {numbers}; expected 1 to {n}")
+                raise ModelError.of(f"antiresonances of {label}", (), f"found numbers {numbers}", f"1 to {n}")
 
     def _assemble(self, body: Body, joint: AnyJoint, dofs: Sequence[str]) -> None:
         signs, at, strokes = body.dampers()

@@ -40,7 +40,7 @@ class Ports:
         for what, labels in (("outputs", self.outputs), ("inputs", self.inputs)):
             expected = 'labels of DOFs in a sequence, such as ("11:y",); correct it'
             if not isinstance(labels, tuple | list) or not all(isinstance(label, str) for label in labels):
-                raise ModelError(f"ports: found as {what} {shown(labels)}; expected {expected}")
+                raise ModelError.of("ports", (), f"found as {what} {shown(labels)}", f"{expected}")
 
     @property
     def omega(self) -> Array:

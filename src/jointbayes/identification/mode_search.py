@@ -79,10 +79,8 @@ class ModeSearch:
             If no start lies inside the prior's support.
         """
         if not self._refined:
-            raise ModelError(
-                "MAP: found no start inside the prior's support; expected priors that contain a positive definite "
-                "joint; widen them"
-            )
+            found = "found no start inside the prior's support"
+            raise ModelError.of("MAP", (), found, "priors that contain a positive definite joint", "widen them")
         highest = max(end.log_density for end in self._refined)
         # of ends that are equally good the first: a further start that leads to a known mode changes nothing
         first = next(end for end in self._refined if end.log_density >= highest - _SAME_DENSITY)

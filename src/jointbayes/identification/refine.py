@@ -39,7 +39,7 @@ def refine(log_posterior: LogPosterior, theta: ArrayLike) -> tuple[Array, float]
     """
     start = np.asarray(theta, dtype=float)
     if not np.isfinite(log_posterior(start)[0]):
-        raise ModelError(f"MAP: found a start at {start.tolist()}; expected a point where the prior is above zero")
+        raise ModelError.of("MAP", (), f"found a start at {start.tolist()}", "a point where the prior is above zero")
     prior, of_noise = log_posterior.prior, np.arange(start.size) >= start.size - log_posterior.likelihood.hyper_count
     squares = PosteriorSquares(log_posterior, exact=True)
     if log_posterior.gaussian:

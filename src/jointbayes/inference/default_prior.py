@@ -115,10 +115,9 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
             kind = parametrisation_named("log" if pair else "springs", directions)
             sides = [side for side in (joint.dofs, joint.against) if side and side[0] in body.labels]
             if not sides:
-                raise ModelError(
-                    f"problem: found no prior of joint {joint.name or joint.dofs[0]!r} between measured bodies; "
-                    "expected one, since no modelled structure says how stiff it may be; pass prior=jb.JointPrior(…)"
-                )
+                found = f"found no prior of joint {joint.name or joint.dofs[0]!r} between measured bodies"
+                expected = "one, since no modelled structure says how stiff it may be"
+                raise ModelError.of("problem", (), found, expected, "pass prior=jb.JointPrior(…)")
             sizes = own_stiffnesses(sides, kind.quantities, body, data)
             extent = getattr(getattr(body, "recipe", None), "extent", 1.0)
             marginals += [default_marginal(axis, sizes, extent) for axis in kind.axes]

@@ -140,10 +140,9 @@ class FrfLikelihood(Likelihood):
         self.propagated: PropagatedNoise | None = None
         if propagate:
             if not self.noise.takes_white_residuals or not isinstance(model, LowRankCoupling):
-                raise ModelError(
-                    f"measured body: found {type(self.noise).__name__}; expected Gaussian or Student-t noise, to which "
-                    "the noise of the body is added; choose one of these"
-                )
+                found = f"found {type(self.noise).__name__}"
+                expected = "Gaussian or Student-t noise, to which the noise of the body is added"
+                raise ModelError.of("measured body", (), found, expected, "choose one of these")
             self.propagated = PropagatedNoise(model, variance)
         # where a sum of squares says it all, it is summed without any array over lines
         self._squares = self.noise.needs_chi2_only and not (self._gain or propagate)
@@ -240,17 +239,15 @@ class FrfLikelihood(Likelihood):
         values: Array = self.noise.pointwise(z, self.hyper(factor_rows))
         if self.propagated is not None:
             if z.shape[2] > 1:
-                raise ModelError(
-                    "pointwise: found FRFs that share the noise of a measured body; expected independent values; "
-                    "compare models by their evidence instead"
-                )
+                found, expected = "found FRFs that share the noise of a measured body", "independent values"
+                raise ModelError.of("pointwise", (), found, expected, "compare models by their evidence instead")
             values = values - self.propagated.excess(self._roots(joints, factor_rows))
         return values + self.constant / self.n_data
 
     def gradient(self, matrices: AnyJointMatrix, factors: ArrayLike | None = None) -> tuple[Array, Array]:
         """ln L (batch,) and its gradient S (batch, r, r) by the joint: d ln L = Σ S_ij dK_ij for symmetric dK."""
         if not (self._squares and self.gaussian):
-            raise ModelError("gradient: found a noise model with parameters; expected Gaussian noise of known size")
+            raise ModelError.of("gradient", (), "found a noise model with parameters", "Gaussian noise of known size")
         joints = joint_matrix_of(matrices)
         chi2, slope = self._misfit.chi2_gradient(joints, self._structural(factors_batch(factors, len(joints))))
         return self.constant - chi2, -slope

@@ -80,9 +80,8 @@ class Likelihood(ABC):
         #: Number of the noise model's parameters.
         self.hyper_count = len(noise.names)
         if self.names[len(self.names) - self.hyper_count :] != noise.names:
-            raise ModelError(
-                f"likelihood: found uncertain quantities {self.names}; expected {noise.names} last; reorder them"
-            )
+            found = f"found uncertain quantities {self.names}"
+            raise ModelError.of("likelihood", (), found, f"{noise.names} last", "reorder them")
 
     @property
     def gaussian(self) -> bool:
@@ -270,9 +269,8 @@ class TestsLikelihood(Likelihood):
         self.hyper_count = len(self.names) - min(of_noise, default=len(self.names))
         of_structure = {int(column) for term in terms for column in term.columns} - of_noise
         if of_structure and max(of_structure) >= len(self.names) - self.hyper_count:
-            raise ModelError(
-                f"likelihood: found uncertain quantities {self.names}; expected those of the noise last; reorder them"
-            )
+            found = f"found uncertain quantities {self.names}"
+            raise ModelError.of("likelihood", (), found, "those of the noise last", "reorder them")
 
     @property
     def gaussian(self) -> bool:

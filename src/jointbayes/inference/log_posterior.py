@@ -39,7 +39,7 @@ class LogPosterior:
         self.prior, self.likelihood, self.extra = prior, likelihood, extra
         named = tuple(n.name for n in prior.nuisances)
         if named != likelihood.names:
-            raise ModelError(f"posterior: found priors for {named}; expected one for each of {likelihood.names}")
+            raise ModelError.of("posterior", (), f"found priors for {named}", f"one for each of {likelihood.names}")
         #: Number of joints inside the prior's support at which the model had no finite value so far.
         self.singular = 0
         self._parametrisation = prior.parametrisation
@@ -75,9 +75,8 @@ class LogPosterior:
         )
         t = np.atleast_2d(array)
         if t.ndim != 2 or t.shape[1] != len(self.prior.names):
-            raise ModelError(
-                f"θ: found shape {array.shape}; expected (n, {len(self.prior.names)}), a row for each joint"
-            )
+            found = f"found shape {array.shape}"
+            raise ModelError.of("θ", (), found, f"(n, {len(self.prior.names)}), a row for each joint")
         return t
 
     def log_likelihood(self, theta: ArrayLike) -> Array:
@@ -95,10 +94,9 @@ class LogPosterior:
         further = np.asarray(self.extra(t), dtype=float)
         if further.shape != value.shape or np.isnan(further).any():
             nan = ", with NaN," if np.isnan(further).any() else ""
-            raise ModelError(
-                f"extra log likelihood: found values of shape {further.shape}{nan} for θ of shape {t.shape}; expected "
-                f"one number, or -inf, for each row: shape {value.shape}"
-            )
+            found = f"found values of shape {further.shape}{nan} for θ of shape {t.shape}"
+            expected = f"one number, or -inf, for each row: shape {value.shape}"
+            raise ModelError.of("extra log likelihood", (), found, expected)
         return value + further
 
     def standardised(self, theta: ArrayLike) -> Residuals:

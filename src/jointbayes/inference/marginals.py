@@ -38,13 +38,13 @@ class Normal:
 
     def __post_init__(self) -> None:
         if not (abs(self.mean) < _WIDEST and 1 / _WIDEST < self.sd < _WIDEST):
-            raise ModelError(f"prior: found mean {self.mean:g}, sd {self.sd:g}; expected a finite mean and sd > 0")
+            raise ModelError.of("prior", (), f"found mean {self.mean:g}, sd {self.sd:g}", "a finite mean and sd > 0")
 
     @classmethod
     def from_decades(cls, guess: float, decades: float) -> Self:
         """Half-informative prior: a guess of k that is right to within so many decades either way, 95 % sure."""
         if not (0 < guess < math.inf and 0 < decades < math.inf):
-            raise ModelError(f"prior: found guess {guess:g}, decades {decades:g}; expected both above 0")
+            raise ModelError.of("prior", (), f"found guess {guess:g}, decades {decades:g}", "both above 0")
         return cls(math.log(guess), decades * math.log(10) / _NORMAL_95)
 
     @property
@@ -154,15 +154,12 @@ class OwnMarginal:
 
     def __post_init__(self) -> None:
         if not all(hasattr(self.given, name) for name in ("dist", "args", "kwds", "logpdf", "ppf")):
-            raise ModelError(
-                f"prior: found {type(self.given).__name__}; expected Normal, Uniform or a frozen distribution of "
-                "scipy.stats; give one of these, for a law of your own a subclass of scipy.stats.rv_continuous"
-            )
+            found = f"found {type(self.given).__name__}"
+            remedy = "give one of these, for a law of your own a subclass of scipy.stats.rv_continuous"
+            raise ModelError.of("prior", (), found, "Normal, Uniform or a frozen distribution of scipy.stats", remedy)
         if self._drawn.shape != (_OWN_DRAWS,) or not np.isfinite(self._drawn).all() or not self.sd > 0:
-            raise ModelError(
-                f"prior {self!r}: found draws of shape {self._drawn.shape} that are not all finite, or all alike; "
-                f"expected {_OWN_DRAWS} different finite numbers of its rvs"
-            )
+            found = f"found draws of shape {self._drawn.shape} that are not all finite, or all alike"
+            raise ModelError.of(f"prior {self!r}", (), found, f"{_OWN_DRAWS} different finite numbers of its rvs")
 
     def __repr__(self) -> str:
         arguments = [*map(str, self.given.args), *(f"{name}={value}" for name, value in self.given.kwds.items())]
@@ -244,12 +241,11 @@ class OfStiffness:
         marginal = marginal_of(self.given)
         object.__setattr__(self, "given", marginal)
         if isinstance(marginal, OfStiffness):
-            raise ModelError("prior: found OfStiffness of OfStiffness; expected a distribution of k; give it once")
+            raise ModelError.of("prior", (), "found OfStiffness of OfStiffness", "a distribution of k", "give it once")
         if not (self._above > _FEWEST and marginal.support[1] > 0 and math.isfinite(self.sd) and self.sd > 0):
-            raise ModelError(
-                f"prior of a stiffness: found {marginal!r}, which leaves none above zero; expected a distribution of "
-                "k, in its unit, with values above 0; correct it, or state a prior on ln k"
-            )
+            found = f"found {marginal!r}, which leaves none above zero"
+            expected = "a distribution of k, in its unit, with values above 0"
+            raise ModelError.of("prior of a stiffness", (), found, expected, "correct it, or state a prior on ln k")
 
     @cached_property
     def _below(self) -> float:
@@ -363,15 +359,12 @@ class Nuisance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "prior", marginal_of(self.prior))
         if isinstance(self.prior, OfStiffness):
-            raise ModelError(
-                f"{self.name}: found {self.prior!r}; expected a prior on ln({self.name}/nominal), since OfStiffness is "
-                "for stiffnesses of the joint; give Normal or Uniform"
-            )
+            expected = f"a prior on ln({self.name}/nominal), since OfStiffness is for stiffnesses of the joint"
+            raise ModelError.of(f"{self.name}", (), f"found {self.prior!r}", expected, "give Normal or Uniform")
         if not 0 < self.nominal < math.inf:
-            raise ModelError(
-                f"{self.name}: found a nominal value of {self.nominal:g}; expected a number above 0 for a quantity "
-                "that is uncertain by a factor; correct it, or leave the quantity certain"
-            )
+            found = f"found a nominal value of {self.nominal:g}"
+            expected = "a number above 0 for a quantity that is uncertain by a factor"
+            raise ModelError.of(f"{self.name}", (), found, expected, "correct it, or leave the quantity certain")
 
     @property
     def additive(self) -> bool:

@@ -226,7 +226,7 @@ class GaussianLikelihood(Likelihood):
         self._model, self._measured, self._sd = model, values, sd
         noise = noise or GaussianNoise(1)
         if noise.parts != 1 and not noise.needs_chi2_only:
-            raise ModelError(f"natural frequencies: found {type(noise).__name__}; expected Gaussian noise")
+            raise ModelError.of("natural frequencies", (), f"found {type(noise).__name__}", "Gaussian noise")
         constant = -float(np.log(self._sd * math.sqrt(2 * math.pi)).sum())
         super().__init__((*names, *noise.names), noise, constant, self._measured.size)
 
@@ -321,9 +321,8 @@ class GaussianLikelihood(Likelihood):
 @likelihood_of.register
 def _modal_likelihood(data: ModalData, test: Test, *, gain: bool = False) -> GaussianLikelihood:
     if test.measured_bodies:
-        raise ModelError(
-            f"measured body {test.measured_bodies[0].name}: found natural frequencies as data; expected FRFs, since a "
-            "body given by its FRFs has no modes to be compared with; use the FRFs"
-        )
+        found = "found natural frequencies as data"
+        expected = "FRFs, since a body given by its FRFs has no modes to be compared with"
+        raise ModelError.of(f"measured body {test.measured_bodies[0].name}", (), found, expected, "use the FRFs")
     model = modal_model(data, test.structures, test.joints)
     return GaussianLikelihood(model, data.values, data.sd, test.structures.names, test.noise)

@@ -148,16 +148,13 @@ class JointPrior:
     def __post_init__(self) -> None:
         object.__setattr__(self, "marginals", tuple(map(marginal_of, self.marginals)))
         if len(self.marginals) != len(self.parametrisation.names):
-            raise ModelError(
-                f"prior: found {len(self.marginals)} marginals; expected one for each of "
-                f"{', '.join(self.parametrisation.names)}"
-            )
+            found = f"found {len(self.marginals)} marginals"
+            raise ModelError.of("prior", (), found, f"one for each of {', '.join(self.parametrisation.names)}")
         for axis, marginal in zip(self.parametrisation.axes, self.marginals, strict=True):
             if isinstance(marginal, OfStiffness) and not axis.logarithmic:
-                raise ModelError(
-                    f"prior of {axis.name}: found {marginal!r}; expected a prior on {axis.label} itself, which is not "
-                    "the logarithm of a stiffness; give it without OfStiffness"
-                )
+                found = f"found {marginal!r}"
+                expected = f"a prior on {axis.label} itself, which is not the logarithm of a stiffness"
+                raise ModelError.of(f"prior of {axis.name}", (), found, expected, "give it without OfStiffness")
 
     @property
     def names(self) -> tuple[str, ...]:

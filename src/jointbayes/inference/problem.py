@@ -175,21 +175,19 @@ class Problem:
         if tests:
             extra = [f for f, value in (own | {"noise": noise}).items() if value is not None]
             if extra:
-                raise ModelError(
-                    f"problem: found {', '.join(extra)} besides tests, which have their own; expected the one or the "
-                    f"other; change a lone test by problem.with_test({extra[0].replace('joint', 'joints')}=…)"
-                )
+                found = f"found {', '.join(extra)} besides tests, which have their own"
+                remedy = f"change a lone test by problem.with_test({extra[0].replace('joint', 'joints')}=…)"
+                raise ModelError.of("problem", (), found, "the one or the other", remedy)
         elif structure is not None and joint is not None and data is not None:
             tests = (Test("", structure, joints_of(joint), data, noise),)
         if not tests:
             missing = [name for name, value in own.items() if value is None]
-            raise ModelError(
-                f"problem: found no {', '.join(missing)}; expected structure, joint and data, or tests; pass them"
-            )
+            found = f"found no {', '.join(missing)}"
+            raise ModelError.of("problem", (), found, "structure, joint and data, or tests", "pass them")
         names = [test.name for test in tests]
         if len(names) > 1 and (len(set(names)) != len(names) or "" in names):
             listed = ", ".join(map(repr, names))
-            raise ModelError(f"problem: found tests named {listed}; expected a name for each; rename them")
+            raise ModelError.of("problem", (), f"found tests named {listed}", "a name for each", "rename them")
         require_own_bodies(tests)
         if prior is None:
             prior = default_prior([(test.structure, test.joints, test.data) for test in tests])
@@ -228,10 +226,8 @@ class Problem:
             If there are several.
         """
         if len(self.tests) > 1:
-            raise ModelError(
-                f"{self.name}: found {len(self.tests)} tests, {', '.join(test.name for test in self.tests)}; expected "
-                "one; ask a part of the problem, problem.part(name)"
-            )
+            found = f"found {len(self.tests)} tests, {', '.join(test.name for test in self.tests)}"
+            raise ModelError.of(f"{self.name}", (), found, "one", "ask a part of the problem, problem.part(name)")
         return self.tests[0]
 
     def with_test(self, **changes: object) -> "Problem":
@@ -310,7 +306,7 @@ class Problem:
             if name in (None, part.test.name):
                 return part
         names = ", ".join(test.name for test in self.tests) or "one without a name"
-        raise ModelError(f"{self.name}: found test {name!r}; expected one of {names}; correct the name")
+        raise ModelError.of(f"{self.name}", (), f"found test {name!r}", f"one of {names}", "correct the name")
 
     @cached_property
     def log_posterior(self) -> LogPosterior:
@@ -330,10 +326,8 @@ class Problem:
         idle = [name for i, name in enumerate(self._nuisances) if i not in used]
         idle += [quantity.name for quantity in self.quantities if not quantity.places]
         if idle and not (len(self.tests) == 1 and self.tests[0].name):  # one of several, see `parts`, leaves some out
-            raise ModelError(
-                f"{self.name}: found priors of {', '.join(idle)}, on which no test depends; expected quantities of "
-                "the tests; correct the names or leave them out"
-            )
+            found, expected = f"found priors of {', '.join(idle)}, on which no test depends", "quantities of the tests"
+            raise ModelError.of(f"{self.name}", (), found, expected, "correct the names or leave them out")
         # tests whose noise models share errors; those of one structure, joined alike, with the same unknowns, all
         by_law: dict[Hashable, list[int]] = {}
         for place, term in enumerate(terms):

@@ -59,10 +59,8 @@ class Test:
     def __post_init__(self) -> None:
         missing = [name for name in ("structure", "joints", "data") if getattr(self, name) is None]
         if missing:
-            raise ModelError(
-                f"problem: found no {', '.join(missing)}; expected structure, joints and data of a test; pass them, "
-                "joints=() where nothing is joined"
-            )
+            found, expected = f"found no {', '.join(missing)}", "structure, joints and data of a test"
+            raise ModelError.of("problem", (), found, expected, "pass them, joints=() where nothing is joined")
         require(self.structure, AnyStructure, "problem: found as structure", "a body, such as jb.beam(…); make one")
         require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
         expected = "a noise model of jointbayes.inference, or a subclass of NoiseModel with `parts`"
@@ -161,10 +159,8 @@ def likelihood_of(data: Data, test: Test, *, gain: bool = False) -> Likelihood:
         body is measured, errors of natural frequencies are uncertain that the FRFs do not depend on, or nothing is
         registered for such data.
     """
-    raise ModelError(
-        f"likelihood: found data of kind {type(data).__name__}; expected a kind with a likelihood; register one with "
-        "likelihood_of.register"
-    )
+    found = f"found data of kind {type(data).__name__}"
+    raise ModelError.of("likelihood", (), found, "a kind with a likelihood", "register one with likelihood_of.register")
 
 
 def require_own_bodies(tests: Sequence[Test]) -> None:
@@ -214,10 +210,8 @@ def columns_of_names(test: str, wanted: Sequence[str], names: Sequence[str]) -> 
     missing = [name for name, among_names in zip(wanted, own_names, strict=True) if among_names is None]
     if missing:
         of = f" of test {test}" if test else ""
-        raise ModelError(
-            f"posterior: found no prior for {', '.join(missing)}{of}; expected one for each of {', '.join(wanted)}; "
-            "add it"
-        )
+        found = f"found no prior for {', '.join(missing)}{of}"
+        raise ModelError.of("posterior", (), found, f"one for each of {', '.join(wanted)}", "add it")
     return np.array([names.index(name) for name in own_names if name is not None], dtype=np.intp)
 
 

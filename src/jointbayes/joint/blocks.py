@@ -64,7 +64,7 @@ class Blocks(Parametrisation):
     def __post_init__(self) -> None:
         names = [block.name for block in self.blocks]
         if len(set(names)) != len(names):
-            raise ModelError(f"joints: found names {', '.join(names)}; expected each once; rename one")
+            raise ModelError.of("joints", (), f"found names {', '.join(names)}", "each once", "rename one")
 
     @cached_property
     def axes(self) -> tuple[Coordinate, ...]:

@@ -54,7 +54,7 @@ class Damped(Parametrisation):
                 found = f"found {what} {', '.join(names)}"
                 raise ModelError.of("damped joint", (what,), found, expected, "correct the names")
         if not (self.viscous or self.loss_factors):
-            raise ModelError("damped joint: found no damping; expected a dashpot or a loss factor; name a spring")
+            raise ModelError.of("damped joint", (), "found no damping", "a dashpot or a loss factor", "name a spring")
 
     @cached_property
     def _damping(self) -> tuple[Quantity, ...]:

@@ -50,10 +50,8 @@ class FullStiffness(Parametrisation):
         object.__setattr__(self, "directions", tuple(self.directions))
         unknown = [direction for direction in self.directions if direction not in DIRECTIONS]
         if unknown or not 1 <= len(self.directions) <= len(DIRECTIONS):
-            raise ModelError(
-                f"full joint: found directions {self.directions}; expected one to six of {', '.join(DIRECTIONS)}; "
-                "correct them"
-            )
+            found = f"found directions {self.directions}"
+            raise ModelError.of("full joint", (), found, f"one to six of {', '.join(DIRECTIONS)}", "correct them")
 
     @cached_property
     def axes(self) -> tuple[Coordinate, ...]:

@@ -69,9 +69,8 @@ class Joint:
     def __post_init__(self) -> None:
         for labels in (self.dofs, self.against):
             if isinstance(labels, str):
-                raise ModelError(
-                    f'{self._where}: found the text "{labels}"; expected DOF labels in a tuple; write ("{labels}",)'
-                )
+                found = f'found the text "{labels}"'
+                raise ModelError.of(f"{self._where}", (), found, "DOF labels in a tuple", f'write ("{labels}",)')
         convert_fields(self, tuple, "dofs", "against")
         both = self.dofs + self.against
         if not self.dofs or len(set(both)) != len(both):
@@ -232,9 +231,8 @@ class Joints:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = [joint.name for joint in self.joints]
         if len(set(names)) != len(names) or (len(names) > 1 and "" in names):
-            raise ModelError(
-                f"joints: found names {', '.join(map(repr, names))}; expected a name of its own for each; name them"
-            )
+            found = f"found names {', '.join(map(repr, names))}"
+            raise ModelError.of("joints", (), found, "a name of its own for each", "name them")
 
     def __str__(self) -> str:
         return "; ".join(map(str, self.joints)) or "none"

@@ -91,10 +91,9 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
             named = tuple(name[1:] for name in joint.stiffness_names)
             directions = named if set(named) <= set(DIRECTIONS) else ()
         if hypothesis == "coupled" and directions and tuple(map(is_rotation, directions)) != _PAIR:
-            raise ModelError(
-                f"comparison: found the hypothesis coupled of a joint in {', '.join(directions)}; expected a joint of "
-                "a translation and a rotation; compare springs and full"
-            )
+            found = f"found the hypothesis coupled of a joint in {', '.join(directions)}"
+            expected = "a joint of a translation and a rotation"
+            raise ModelError.of("comparison", (), found, expected, "compare springs and full")
         return FullStiffness(directions) if isinstance(joint, PlainSprings) and directions else joint
     springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
     yielding = {

@@ -335,12 +335,12 @@ class Parametrisation(ABC):
         k = array_of(values, float, "joint", ModelError)
         names, count = ", ".join(self.stiffness_names) or "no stiffness", len(self.quantities)
         if k.shape != (count,):
-            raise ModelError(f"joint: found stiffnesses of shape {k.shape}; expected {names}: shape ({count},)")
+            raise ModelError.of("joint", (), f"found stiffnesses of shape {k.shape}", f"{names}: shape ({count},)")
         if not (np.abs(k) < _MOST).all():
             listed = ", ".join(
                 f"{name} = {value:g}" for name, value in zip(self.stiffness_names, k.tolist(), strict=True)
             )
-            raise ModelError(f"joint: found {listed}; expected finite numbers")
+            raise ModelError.of("joint", (), f"found {listed}", "finite numbers")
         if not self.is_positive_semidefinite(k):
             pairs = zip(self.quantities, k.tolist(), strict=True)
             listed = ", ".join(f"{quantity.name} = {value:g} {quantity.unit}" for quantity, value in pairs)

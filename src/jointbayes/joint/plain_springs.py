@@ -51,10 +51,8 @@ class PlainSprings(Parametrisation):
     def __post_init__(self) -> None:
         springs = tuple(quantity.name for quantity in self.of if not quantity.may_be_negative)
         if self.names != tuple(name for name in springs if name in self.names):
-            raise ModelError(
-                f"plain springs: found names {self.names}; expected none, one or more of {', '.join(springs)}, in "
-                "this order; correct them"
-            )
+            expected = f"none, one or more of {', '.join(springs)}, in this order"
+            raise ModelError.of("plain springs", (), f"found names {self.names}", expected, "correct them")
 
     @property
     def axes(self) -> tuple[Coordinate, ...]:

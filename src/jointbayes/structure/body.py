@@ -122,10 +122,8 @@ class Body(ABC):
             try:
                 rows.append(self.labels.index(label))
             except ValueError:
-                raise ModelError(
-                    f"structure: found DOF {label!r}; expected one of {self.labels[0]!r} to {self.labels[-1]!r} that "
-                    "is not fixed by a support; correct the label"
-                ) from None
+                expected = f"one of {self.labels[0]!r} to {self.labels[-1]!r} that is not fixed by a support"
+                raise ModelError.of("structure", (), f"found DOF {label!r}", expected, "correct the label") from None
         return np.array(rows, dtype=np.intp)
 
     def position(self, label: str) -> tuple[float, float, float] | None:

@@ -108,9 +108,8 @@ class ModalDamping(DampingLaw):
         sequence = "a sequence of ratios, such as (0.01,)"
         require(self.ratios, tuple | list | np.ndarray, "modal damping: found", sequence)
         if not self.ratios or not all(0.0 <= z < 1.0 for z in self.ratios):
-            raise ModelError(
-                f"modal damping: found ratios {self.ratios}; expected one or more in [0, 1); correct the ratios"
-            )
+            found = f"found ratios {self.ratios}"
+            raise ModelError.of("modal damping", (), found, "one or more in [0, 1)", "correct the ratios")
 
     def per_mode(self, count: int) -> Array:
         """Damping ratio of each of the first `count` modes, shape (count,)."""
@@ -133,7 +132,7 @@ class LossFactor(DampingLaw):
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.loss_factor < math.inf:
-            raise ModelError(f"loss factor: found {self.loss_factor:g}; expected 0 or more; correct it")
+            raise ModelError.of("loss factor", (), f"found {self.loss_factor:g}", "0 or more", "correct it")
 
     @property
     def hysteretic(self) -> float:
@@ -154,10 +153,8 @@ class Rayleigh(DampingLaw):
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.alpha < math.inf and 0.0 <= self.beta < math.inf):
-            raise ModelError(
-                f"Rayleigh damping: found alpha {self.alpha:g} 1/s and beta {self.beta:g} s; "
-                "expected both 0 or more; correct them"
-            )
+            found = f"found alpha {self.alpha:g} 1/s and beta {self.beta:g} s"
+            raise ModelError.of("Rayleigh damping", (), found, "both 0 or more", "correct them")
 
     @property
     def viscous(self) -> tuple[float, float]:
@@ -181,9 +178,8 @@ class ViscousMatrix(DampingLaw):
         matrix = array_of(self.viscous_matrix, float, "damping matrix", ModelError)
         object.__setattr__(self, "viscous_matrix", matrix)
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
-            raise ModelError(
-                f"damping matrix: found an array of shape {matrix.shape}; expected a square one of finite numbers"
-            )
+            found = f"found an array of shape {matrix.shape}"
+            raise ModelError.of("damping matrix", (), found, "a square one of finite numbers")
         require_symmetric(matrix, "damping matrix", "viscous_matrix", "an unsymmetric one")
         lowest = lowest_eigenvalue(matrix, "damping matrix: found one")
         if lowest < -NOT_NEGATIVE:

@@ -75,19 +75,14 @@ class Member:
         object.__setattr__(self, "offsets", (_vector(first, "an offset"), _vector(last, "an offset")))
         convert_fields(self, lambda up: _vector(up, "the direction of the height"), "up")
         if len(self.points) < 2 or any(a == b for a, b in itertools.pairwise(self.points)):
-            raise ModelError(
-                f"frame: found a member through {', '.join(self.points) or 'no points'}; expected two points or more, "
-                "none of them twice in a row; correct the member"
-            )
+            found, remedy = f"found a member through {', '.join(self.points) or 'no points'}", "correct the member"
+            raise ModelError.of("frame", (), found, "two points or more, none of them twice in a row", remedy)
         if not all(1e-6 <= kappa <= 1e6 for kappa in self.kappas or ()):
-            raise ModelError(
-                f"frame: found the shear coefficient {self.shear_coefficient}; expected one above 0, about 0.9"
-            )
+            found = f"found the shear coefficient {self.shear_coefficient}"
+            raise ModelError.of("frame", (), found, "one above 0, about 0.9")
         if not abs(self.axial_force) <= _STRONGEST:
-            raise ModelError(
-                f"frame: found an axial force of {self.axial_force:g} N; expected one of at most {_STRONGEST:g} N, "
-                "tension positive; correct it"
-            )
+            found = f"found an axial force of {self.axial_force:g} N"
+            raise ModelError.of("frame", (), found, f"one of at most {_STRONGEST:g} N, tension positive", "correct it")
         if self.end_section is not None:
             self.section.between(self.end_section, 0.5)
 
@@ -114,10 +109,9 @@ class Member:
             up = np.array([0.0, 1.0, 0.0]) if np.linalg.norm(up) < _PARALLEL else up
         y = up - (up @ x) * x
         if np.linalg.norm(y) < _PARALLEL:
-            raise ModelError(
-                f"frame: found up = {list(self.up or ())} along the member {self.points[0]} to {self.points[-1]}; "
-                "expected a direction across it, in which the section's height lies; correct it"
-            )
+            found = f"found up = {list(self.up or ())} along the member {self.points[0]} to {self.points[-1]}"
+            expected = "a direction across it, in which the section's height lies"
+            raise ModelError.of("frame", (), found, expected, "correct it")
         y = y / np.linalg.norm(y)
         return np.stack([x, y, np.cross(x, y)])
 
@@ -222,7 +216,7 @@ class FrameBody:
                 expected = "names of letters, digits, _ and -, each once"
                 raise ModelError.of("frame", ("points",), found, expected, "rename it")
         if not self.members:
-            raise ModelError("frame: found a body without members; expected at least one; state a member")
+            raise ModelError.of("frame", (), "found a body without members", "at least one", "state a member")
         at = [(("members", i), point) for i, member in enumerate(self.members) for point in member.points]
         for key, point in [*at, *((("masses", i), mass.point) for i, mass in enumerate(self.masses))]:
             if point not in names:
@@ -234,18 +228,14 @@ class FrameBody:
             for start, end in itertools.pairwise(self.stations(member)):
                 gap = np.subtract(end.place, start.place)
                 if not math.hypot(*gap) > _SHORTEST * max(1.0, math.hypot(*start.place)):
-                    raise ModelError(
-                        f"frame: found no length between the points {start.point} and {end.point} of a member; "
-                        "expected two places; correct a point or an offset"
-                    )
+                    found = f"found no length between the points {start.point} and {end.point} of a member"
+                    raise ModelError.of("frame", (), found, "two places", "correct a point or an offset")
                 member.axes(gap)
         # 3. numbers that one member counts through
         twice = [name for name, count in Counter(name for name, _ in self.all_points).items() if count > 1]
         if twice:
-            raise ModelError(
-                f"frame: found the point {twice[0]} on two members that count through it; expected each number once; "
-                "give the points of one of them places of their own"
-            )
+            found, expected = f"found the point {twice[0]} on two members that count through it", "each number once"
+            raise ModelError.of("frame", (), found, expected, "give the points of one of them places of their own")
         # 4. one piece
         reached, rest = set(self.members[0].points), list(self.members[1:])
         while touching := [member for member in rest if reached & set(member.points)]:
@@ -266,10 +256,8 @@ class FrameBody:
             numbered = first_name.isdecimal() and second_name.isdecimal()
             gap = int(second_name) - int(first_name) if numbered else 0
             if abs(gap) > _MOST_FILLED:
-                raise ModelError(
-                    f"frame: found a member from point {first_name} to {second_name}; expected at most {_MOST_FILLED} "
-                    "numbers between; name them otherwise"
-                )
+                found, remedy = f"found a member from point {first_name} to {second_name}", "name them otherwise"
+                raise ModelError.of("frame", (), found, f"at most {_MOST_FILLED} numbers between", remedy)
             between = [str(int(first_name) + (i if gap > 0 else -i)) for i in range(1, abs(gap))]
             if places.keys().isdisjoint(between):
                 for i, name in enumerate(between, 1):
@@ -322,9 +310,8 @@ def _vector(value: object, what: str) -> Vector:
     except (TypeError, ValueError):
         raise ModelError(f"frame: found {value!r:.60} for {what}; expected three numbers x, y, z; correct it") from None
     if not all(math.isfinite(number) and abs(number) <= _FARTHEST for number in (x, y, z)):
-        raise ModelError(
-            f"frame: found {[x, y, z]} for {what}; expected numbers up to {_FARTHEST:g} m; correct it or its unit"
-        )
+        found = f"found {[x, y, z]} for {what}"
+        raise ModelError.of("frame", (), found, f"numbers up to {_FARTHEST:g} m", "correct it or its unit")
     return x, y, z
 
 

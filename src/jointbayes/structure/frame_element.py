@@ -192,10 +192,8 @@ def part_matrices(stretch: Stretch, order: int, field: str) -> tuple[Array, Arra
         If its section has no torsion constant and it twists.
     """
     if field == "torsion" and stretch.start.torsion is None:
-        raise ModelError(
-            "frame: found a section without a torsion constant; expected J in m4; make it by Section.circle, tube, "
-            "rectangle or box, or state torsion"
-        )
+        remedy = "make it by Section.circle, tube, rectangle or box, or state torsion"
+        raise ModelError.of("frame", (), "found a section without a torsion constant", "J in m4", remedy)
     if not order:
         return _paper_matrices(stretch, field)
     points, weight, basis = _basis(order, order + 1 + _MORE_POINTS * stretch.tapered)

@@ -201,11 +201,9 @@ def _cheapest(stretch: Stretch, fields: tuple[str, ...], omega: float, share: fl
         fewer = range(enough_of_them // 2 + 1, enough_of_them)
         best = fewer.start + bisect.bisect_left(fewer, True, key=partial(accurate, order)), order
     if best is None:
-        raise ModelError(
-            f"{kind}: found {stretch.length:g} m between points and a frequency of {omega / (2 * math.pi):g} Hz; "
-            "expected one at which the wavelength is not thousands of times shorter; correct units of length, material "
-            "or frequency"
-        )
+        found = f"found {stretch.length:g} m between points and a frequency of {omega / (2 * math.pi):g} Hz"
+        expected = "one at which the wavelength is not thousands of times shorter"
+        raise ModelError.of(f"{kind}", (), found, expected, "correct units of length, material or frequency")
     return best
 
 
@@ -466,9 +464,8 @@ class MemberRecipe(Recipe):
         slowest = min(s.stretch.bending_frequency_hz(HALF_WAVES) for segments in of_bodies for s in segments)
         top_hz = slowest if top_hz is None else top_hz
         if not 0 <= top_hz <= _HIGHEST_HZ:
-            raise ModelError(
-                f"{self.kind}: found lines up to {top_hz:g} Hz; expected up to {_HIGHEST_HZ:g} Hz; correct them"
-            )
+            found = f"found lines up to {top_hz:g} Hz"
+            raise ModelError.of(f"{self.kind}", (), found, f"up to {_HIGHEST_HZ:g} Hz", "correct them")
         meshes = []
         for segments, force in zip(of_bodies, forces or (1.0,) * len(of_bodies), strict=True):
             mesh = mesh_of(segments, self.directions, top_hz, self.kind, force=force, richer=self.richer)
@@ -585,14 +582,12 @@ class FrameRecipe(MemberRecipe):
         names = [name for name, _ in self.bodies]
         wrong = [name for name in names if names.count(name) > 1 or not _BODY_NAME.fullmatch(name)]
         if wrong != ([""] if names == [""] else []) or not names:
-            raise ModelError(
-                f"frame: found the bodies {printable(', '.join(map(str, names))) or 'none'}; expected names of "
-                "letters, digits, _ and - that begin with a letter, each once; rename them"
-            )
+            found = f"found the bodies {printable(', '.join(map(str, names))) or 'none'}"
+            expected = "names of letters, digits, _ and - that begin with a letter, each once"
+            raise ModelError.of("frame", (), found, expected, "rename them")
         if not self.directions or not set(self.directions) <= set(SPATIAL):
-            raise ModelError(
-                f"frame: found the directions {', '.join(self.directions)}; expected some of {', '.join(SPATIAL)}"
-            )
+            found = f"found the directions {', '.join(self.directions)}"
+            raise ModelError.of("frame", (), found, f"some of {', '.join(SPATIAL)}")
         self._require_masses()
         for label in (*self.supports, *self.accelerometer_dofs):
             self.require_dof(label)
@@ -752,15 +747,13 @@ class BeamRecipe(MemberRecipe):
         self._require_masses()
         kappa = self.shear_coefficient
         if not (kappa is None or _LEAST <= kappa <= _MOST):
-            raise ModelError(
-                f"beam: found a shear coefficient of {kappa:g}; expected one above 0, about 0.9; correct it"
-            )
+            found = f"found a shear coefficient of {kappa:g}"
+            raise ModelError.of("beam", (), found, "one above 0, about 0.9", "correct it")
         if not (isinstance(self.elements, Integral) and 1 <= self.elements <= _MOST_SPANS):
-            raise ModelError(
-                f"beam: found {self.elements} elements; expected a whole number from 1 to {_MOST_SPANS}; correct it"
-            )
+            found = f"found {self.elements} elements"
+            raise ModelError.of("beam", (), found, f"a whole number from 1 to {_MOST_SPANS}", "correct it")
         if self.dofs_per_node not in _DIRECTIONS:
-            raise ModelError(f"beam: found {self.dofs_per_node} DOFs per node; expected 2 or 5; correct them")
+            raise ModelError.of("beam", (), f"found {self.dofs_per_node} DOFs per node", "2 or 5", "correct them")
         if self.points and self.element == "paper":
             found, expected = 'found points beside element "paper", whose elements are equal', 'element "converged"'
             raise ModelError.of("beam", ("points",), found, expected, "take it, or choose elements that divide")

@@ -192,15 +192,12 @@ def chain(
     weights = {str(name): float(mass) for name, mass in named.items()}
     for name, mass in weights.items():
         if not 0 < mass < np.inf or name == GROUND:
-            raise ModelError(
-                f"chain: found a mass {printable(name)!r} of {mass:g} kg; expected one above 0; correct it"
-            )
+            found = f"found a mass {printable(name)!r} of {mass:g} kg"
+            raise ModelError.of("chain", (), found, "one above 0", "correct it")
     between = list(dampers)
     if (damping is None) == (not between):
-        raise ModelError(
-            f"chain: found {len(between)} dampers and {'no' if damping is None else 'a'} damping law; expected either "
-            "dampers or a law; remove one of the two, or state one"
-        )
+        found = f"found {len(between)} dampers and {('no' if damping is None else 'a')} damping law"
+        raise ModelError.of("chain", (), found, "either dampers or a law", "remove one of the two, or state one")
     stiffness = _connection_matrix(weights, springs, "a spring", "N/m")
     law = damping if damping is not None else ViscousMatrix(_connection_matrix(weights, between, "a damper", "N s/m"))
     return MatrixRecipe(stiffness, np.diag(list(weights.values())), tuple(f"{n}:{direction}" for n in weights), law)

@@ -80,7 +80,7 @@ class Structure(Body):
         if n == 0:
             raise ModelError("structure: found no DOF; expected at least one; give labels, and matrices of their size")
         if len(set(self.dofs)) != n:
-            raise ModelError("structure: found a DOF label twice; expected each label once; rename it")
+            raise ModelError.of("structure", (), "found a DOF label twice", "each label once", "rename it")
         for name in ("stiffness", "mass"):
             matrix_given = getattr(self, name)
             # a copy, so that the caller's arrays stay writable; sparse ones are made dense

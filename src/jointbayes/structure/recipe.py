@@ -90,10 +90,9 @@ class Recipe(ABC):
 
     def _require_masses(self) -> None:
         if not all(0 <= mass <= _MOST_MASS for mass in (self.accelerometer_mass, self.added_mass)):
-            raise ModelError(
-                f"{self.kind}: found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg; expected "
-                f"masses of at least 0 and at most {_MOST_MASS:g} kg; correct them"
-            )
+            found = f"found accelerometers of {self.accelerometer_mass:g} + {self.added_mass:g} kg"
+            expected = f"masses of at least 0 and at most {_MOST_MASS:g} kg"
+            raise ModelError.of(f"{self.kind}", (), found, expected, "correct them")
 
     @property
     @abstractmethod
@@ -152,10 +151,9 @@ class Recipe(ABC):
             If the name is unknown.
         """
         if not self.has_quantity(name):
-            raise ModelError(
-                f"{self.kind}: found uncertain quantity {printable(name)!r}; expected one of "
-                f"{', '.join(self.quantities)}, damping_ratio_1 and so on; correct the name or remove it"
-            )
+            found = f"found uncertain quantity {printable(name)!r}"
+            expected = f"one of {', '.join(self.quantities)}, damping_ratio_1 and so on"
+            raise ModelError.of(f"{self.kind}", (), found, expected, "correct the name or remove it")
 
     def checked_factors(self, factors: Mapping[str, float] | None) -> dict[str, float]:
         """Factors by name, each that of a quantity of the structure.
@@ -223,10 +221,9 @@ class UncertainBody(Body):
         for name in self.names:
             of_other_law = is_damping_ratio(name) and not isinstance(law, ModalDamping)
             if of_other_law or (name == "loss_factor" and not isinstance(law, LossFactor)):
-                raise ModelError(
-                    f"uncertain structure: found {name!r} with a damping law of another kind; expected damping_ratio "
-                    "for modal damping or loss_factor for structural damping; remove it or change the law"
-                )
+                found = f"found {name!r} with a damping law of another kind"
+                expected = "damping_ratio for modal damping or loss_factor for structural damping"
+                raise ModelError.of("uncertain structure", (), found, expected, "remove it or change the law")
             self.recipe.require_quantity(name)
 
     def __repr__(self) -> str:

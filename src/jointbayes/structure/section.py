@@ -30,10 +30,8 @@ class BeamMaterial:
 
     def __post_init__(self) -> None:
         if not (0 < self.youngs_modulus < _MOST and 0 < self.density < _MOST and -1 < self.poissons_ratio < 0.5):
-            raise ModelError(
-                f"material: found E = {self.youngs_modulus:g} Pa, nu = {self.poissons_ratio:g}, "
-                f"rho = {self.density:g} kg/m3; expected E > 0, -1 < nu < 0.5, rho > 0; correct the material"
-            )
+            found = f"found E = {self.youngs_modulus:g} Pa, nu = {self.poissons_ratio:g}, rho = {self.density:g} kg/m3"
+            raise ModelError.of("material", (), found, "E > 0, -1 < nu < 0.5, rho > 0", "correct the material")
 
     @property
     def shear_modulus(self) -> float:
@@ -110,9 +108,8 @@ class Section:
             If a side is not positive.
         """
         if not (_possible(width) and _possible(height)):
-            raise ModelError(
-                f"section: found width {width:g} m and height {height:g} m; expected both above zero; correct the sides"
-            )
+            found = f"found width {width:g} m and height {height:g} m"
+            raise ModelError.of("section", (), found, "both above zero", "correct the sides")
         a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
         # J = a b³ (1/3 − 64/π⁵ b/a Σ tanh(nπa/2b)/n⁵), n = 1, 3, 5 …, sides a ≥ b: Timoshenko & Goodier, art. 109
         long, short = max(width, height), min(width, height)
@@ -151,7 +148,7 @@ class Section:
             If a factor is not positive.
         """
         if not (size > 0 and shear > 0):
-            raise ModelError(f"section: found factors {size:g} of size and {shear:g} of κ; expected both above zero")
+            raise ModelError.of("section", (), f"found factors {size:g} of size and {shear:g} of κ", "both above zero")
         a_y, b_y, a_z, b_z = (c / shear for c in self.cowper)
         area, bending = self.area * size**2, size**4
         return Section(

@@ -99,7 +99,7 @@ def _reach_hz(recipe: FrameRecipe | BeamRecipe, count: int) -> float:
         if wanted <= frequency.size and highest <= top:
             return min(top, 1.01 * highest)
         top = max(4 * top, 1.0) if wanted > frequency.size else 1.01 * max(highest, top)
-    raise ModelError(f"frame: found no frequency with {wanted} modes below; expected one; correct the units")
+    raise ModelError.of("frame", (), f"found no frequency with {wanted} modes below", "one", "correct the units")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

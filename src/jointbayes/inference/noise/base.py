@@ -128,7 +128,7 @@ class NoiseModel(ABC):
 
     def __post_init__(self) -> None:
         if self.parts not in (1, 2):
-            raise ModelError(f"noise: found {self.parts} parts; expected 2 (complex residuals) or 1 (real ones)")
+            raise ModelError.of("noise", (), f"found {self.parts} parts", "2 (complex residuals) or 1 (real ones)")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,9 +137,8 @@ class NoiseModel(ABC):
 
     def log_likelihood_of_chi2(self, chi2: ArrayLike, n_values: int, hyper: ArrayLike) -> Array:
         """ln L (n,) from Σ|z|² (n,) of `n_values` values, without the constant, where this is all that it needs."""
-        raise ModelError(
-            f"noise: found {type(self).__name__} without log_likelihood; expected log_likelihood(z, hyper)"
-        )
+        found = f"found {type(self).__name__} without log_likelihood"
+        raise ModelError.of("noise", (), found, "log_likelihood(z, hyper)")
 
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, lines, pairs), without the constant; −inf where a residual is not finite."""
@@ -155,10 +154,9 @@ class NoiseModel(ABC):
         ModelError
             If the values depend on each other, which is the default.
         """
-        raise ModelError(
-            f"noise: found {type(self).__name__}, whose values depend on each other; expected independent values for "
-            "pointwise densities; compare models by their evidence instead"
-        )
+        found = f"found {type(self).__name__}, whose values depend on each other"
+        expected = "independent values for pointwise densities"
+        raise ModelError.of("noise", (), found, expected, "compare models by their evidence instead")
 
     @abstractmethod
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
@@ -258,17 +256,15 @@ class GaussianSpread(NoiseModel):
 def check_positive(where: str, what: str, value: float) -> None:
     """Refuse a number that is not finite and above zero (ModelError)."""
     if not 0 < value < math.inf:
-        raise ModelError(f"{where}: found {what} {value:g}; expected a finite number above 0; correct it")
+        raise ModelError.of(f"{where}", (), f"found {what} {value:g}", "a finite number above 0", "correct it")
 
 
 def rows_of(hyper: ArrayLike, n: int, names: tuple[str, ...]) -> Array:
     """Hyperparameters (n, q), or one set (q,) for all rows, as (n, q)."""
     values = np.asarray(hyper, dtype=float)
     if values.ndim not in (1, 2) or values.shape[-1] != len(names) or (values.ndim == 2 and len(values) not in (1, n)):
-        raise ModelError(
-            f"noise: found hyperparameters of shape {values.shape}; expected ({n}, {len(names)}), columns "
-            f"{', '.join(names) or 'none'}"
-        )
+        found = f"found hyperparameters of shape {values.shape}"
+        raise ModelError.of("noise", (), found, f"({n}, {len(names)}), columns {', '.join(names) or 'none'}")
     return np.broadcast_to(values, (n, len(names)))
 
 

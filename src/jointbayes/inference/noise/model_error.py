@@ -99,7 +99,7 @@ class ModelErrorNoise(NoiseModel):
     def fitted_to(self, data: Data, parts: int) -> Self:
         """The same law for the values of another measurement, without what edge and springs do to these."""
         if data.modes is None:
-            raise ModelError(f"model error of modes: found {data.words}; expected modes")
+            raise ModelError.of("model error of modes", (), f"found {data.words}", "modes")
         return type(self).of(data.modes, self.sizes)
 
     @property

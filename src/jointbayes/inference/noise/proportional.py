@@ -21,7 +21,7 @@ RANGE = 1e-4, 0.3
 def noise_of(choice: NoiseChoice, parts: int, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """The noise model that a case chooses, and the priors of its hyperparameters."""
     if data.frfs is None:
-        raise ModelError(f"proportional noise: found {data.words}; expected FRFs; use Gaussian noise")
+        raise ModelError.of("proportional noise", (), f"found {data.words}", "FRFs", "use Gaussian noise")
     noise = ProportionalNoise.of(data.frfs, choice.scale == "sampled")
     return noise, (*choice.parameters, log_uniform("proportional_error", "× |H|", *RANGE))
 
