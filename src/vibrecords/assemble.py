@@ -116,9 +116,8 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     """
     where = "noise from repeats"
     if len(frfs) < 2:
-        raise MeasurementError(
-            f"{where}: found {len(frfs)} measurement; expected two or more; repeat it, or state the noise"
-        )
+        found, expected = f"found {len(frfs)} measurement", "two or more"
+        raise MeasurementError.of(where, (), found, expected, "repeat it, or state the noise")
     first = frfs[0]
     for number, other in enumerate(frfs[1:], 2):
         others = {
@@ -134,10 +133,8 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     m, mean = len(frfs), values.mean(axis=0)
     scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
     if not scatter.any():
-        raise MeasurementError(
-            f"{where}: found {m} measurements that are the same to the last digit; expected independent ones, which "
-            "differ by their noise; do not repeat one file"
-        )
+        found, remedy = f"found {m} measurements that are the same to the last digit", "do not repeat one file"
+        raise MeasurementError.of(where, (), found, "independent ones, which differ by their noise", remedy)
     counts = [frf.averages for frf in frfs if frf.averages is not None]
     combined = replace(first, values=mean, coherence=None, averages=sum(counts) if len(counts) == m else None)
     variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
@@ -361,10 +358,8 @@ def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> 
         )
     for pair, count in counts.items():
         if count != most:
-            raise MeasurementError(
-                f"{where}: found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others; expected as many "
-                "repetitions of each; leave the surplus out"
-            )
+            found = f"found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others"
+            raise MeasurementError.of(where, (), found, "as many repetitions of each", "leave the surplus out")
     return [list(group) for group in zip(*by_pair.values(), strict=True)]
 
 
@@ -386,9 +381,8 @@ def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode
 def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:
     wanted = plan.modes or max(len(modes), 1)
     if len(modes) < wanted:
-        raise MeasurementError(
-            f"{where}: found {len(modes)} modes; expected at least {wanted}; lower data.modes or widen the band"
-        )
+        found, expected = f"found {len(modes)} modes", f"at least {wanted}"
+        raise MeasurementError.of(where, (), found, expected, "lower data.modes or widen the band")
     frequency, fitted = np.array([(mode.frequency_hz, mode.frequency_sd_hz) for mode in modes[:wanted]]).T
     return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 

@@ -153,9 +153,8 @@ class FrfData(Data):
     def __post_init__(self) -> None:
         object.__setattr__(self, "variance", read_only(self.variance))
         if self.variance.shape != self.frf.values.shape:
-            raise MeasurementError(
-                f"noise: found a variance of shape {self.variance.shape}; expected {self.frf.values.shape}"
-            )
+            found, expected = f"found a variance of shape {self.variance.shape}", str(self.frf.values.shape)
+            raise MeasurementError.of("noise", (), found, expected)
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
             raise MeasurementError("noise: found an impossible variance; expected all above 0; raise the noise floor")
 
@@ -219,9 +218,8 @@ class FrfData(Data):
             If there are fewer than two lines.
         """
         if self.frf.n_lines < 2:
-            raise MeasurementError(
-                f"FRFs: found {self.frf.n_lines} line, at {self.top_hz:g} Hz; expected two or more; widen the band"
-            )
+            found, expected = f"found {self.frf.n_lines} line, at {self.top_hz:g} Hz", "two or more"
+            raise MeasurementError.of("FRFs", (), found, expected, "widen the band")
 
     def converted(self, quantity: Quantity) -> "FrfData":
         """The same as receptance, mobility or accelerance."""
@@ -240,10 +238,8 @@ class FrfData(Data):
         low, high = np.array(bands_hz).T
         inside = ((lines >= low) & (lines <= high)).any(axis=1)
         if inside.all() or not inside.any():
-            raise MeasurementError(
-                f"left out: found {inside.sum()} of {inside.size} lines in the bands; expected some, but not all; "
-                "correct the bands"
-            )
+            found, expected = f"found {inside.sum()} of {inside.size} lines in the bands", "some, but not all"
+            raise MeasurementError.of("left out", (), found, expected, "correct the bands")
         return self.at_lines(~inside), self.at_lines(inside)
 
     def at_lines(self, lines: Lines) -> "FrfData":
@@ -339,9 +335,8 @@ class FrequencyData(ModalData):
                 "natural frequencies: expected a list of at least one, and as many standard deviations as frequencies"
             )
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
-            raise MeasurementError(
-                f"natural frequencies: found {self.frequency_hz.tolist()} Hz; expected rising ones above 0; sort them"
-            )
+            found, expected = f"found {self.frequency_hz.tolist()} Hz", "rising ones above 0"
+            raise MeasurementError.of("natural frequencies", (), found, expected, "sort them")
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             found, expected = f"found standard deviations {self.sd_hz.tolist()} Hz", "all above 0"
             raise MeasurementError.of("natural frequencies", ("sd_hz",), found, expected, "correct them")

@@ -70,15 +70,12 @@ class FrfSet(OverFrequency):
     def _check_values(self) -> None:
         shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))
         if self.values.shape != shape:
-            raise MeasurementError(
-                f"FRF set: found values of shape {self.values.shape}; expected {shape} (lines, outputs, inputs)"
-            )
+            found, expected = f"found values of shape {self.values.shape}", f"{shape} (lines, outputs, inputs)"
+            raise MeasurementError.of("FRF set", (), found, expected)
         if not np.isfinite(self.values).all():
             line, output, _ = np.argwhere(~np.isfinite(self.values))[0]
-            raise MeasurementError(
-                f"FRF set: found NaN or infinity at {self.frequency_hz[line]:g} Hz, output "
-                f"{self.outputs[output]!r}; expected finite numbers; drop or repair the line"
-            )
+            found = f"found NaN or infinity at {self.frequency_hz[line]:g} Hz, output {self.outputs[output]!r}"
+            raise MeasurementError.of("FRF set", (), found, "finite numbers", "drop or repair the line")
         for labels in (self.outputs, self.inputs):
             if len(set(labels)) != len(labels):
                 raise MeasurementError(f"FRF set: found DOFs {labels}; expected each label once")
@@ -131,21 +128,17 @@ def require_lines(frequency_hz: Array, where: str) -> None:
         raise MeasurementError(f"{where}: found no frequency lines; expected a one-dimensional array of at least one")
     broken, low = np.flatnonzero(~np.isfinite(frequency_hz)), frequency_hz[frequency_hz <= 0]
     if broken.size:
-        raise MeasurementError(
-            f"{where}: found frequency {frequency_hz[broken[0]]} at line {broken[0] + 1}; expected finite frequencies; "
-            "repair the file"
-        )
+        found, expected = f"found frequency {frequency_hz[broken[0]]} at line {broken[0] + 1}", "finite frequencies"
+        raise MeasurementError.of(where, (), found, expected, "repair the file")
     if low.size:
-        raise MeasurementError(
-            f"{where}: found a line at {low[0]:g} Hz; expected lines above 0 Hz; drop it, or cut it away with f_min_hz"
-        )
+        found, expected = f"found a line at {low[0]:g} Hz", "lines above 0 Hz"
+        raise MeasurementError.of(where, (), found, expected, "drop it, or cut it away with f_min_hz")
     backwards = np.flatnonzero(np.diff(frequency_hz) <= 0)
     if backwards.size:
         i = int(backwards[0])
-        raise MeasurementError(
-            f"{where}: found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2}); expected strictly "
-            "increasing frequencies; sort the lines and drop doubled ones"
-        )
+        found = f"found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2})"
+        expected = "strictly increasing frequencies"
+        raise MeasurementError.of(where, (), found, expected, "sort the lines and drop doubled ones")
 
 
 def _position(labels: tuple[str, ...], label: str) -> int:

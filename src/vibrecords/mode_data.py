@@ -496,7 +496,6 @@ def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, Mode
     apart = np.isin(table.numbers, numbers)
     if apart.all() or not set(numbers) <= set(table.numbers):
         wanted, measured = (", ".join(map(str, some)) for some in (numbers, table.numbers))
-        raise MeasurementError(
-            f"left out: found modes {wanted}; expected some of {measured}, but not all; correct the numbers"
-        )
+        found, expected = f"found modes {wanted}", f"some of {measured}, but not all"
+        raise MeasurementError.of("left out", (), found, expected, "correct the numbers")
     return table.some(~apart), replace(table.some(apart), zeros=None)

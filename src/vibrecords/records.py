@@ -209,10 +209,8 @@ def coherence_on(lines: Array, coherence: CoherenceRecord, where: str) -> Array:
     """
     others = coherence.frequency_hz
     if others.shape != lines.shape or not np.allclose(others, lines, rtol=1e-6, equal_nan=True):
-        raise MeasurementError(
-            f"{coherence.where}: found a coherence of {others.size} lines that are not the {lines.size} of the FRF in "
-            f"{where}; expected the same lines; export again"
-        )
+        found = f"found a coherence of {others.size} lines that are not the {lines.size} of the FRF in {where}"
+        raise MeasurementError.of(coherence.where, (), found, "the same lines", "export again")
     return coherence.values
 
 
@@ -303,9 +301,8 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
         If there are fewer than two instants, or they are not evenly spaced: with the largest gap.
     """
     if time.size < 2 or not np.isfinite(time).all():
-        raise MeasurementError(
-            f"{where}: found fewer than two instants, or one that is no number; expected a column of time; correct it"
-        )
+        found, expected = "found fewer than two instants, or one that is no number", "a column of time"
+        raise MeasurementError.of(where, (), found, expected, "correct it")
     steps, count = np.diff(time), np.arange(time.size)
     step = (time[-1] - time[0]) / (time.size - 1)
     fits = told is not None and abs(told * step - 1) < 1e-3
@@ -319,10 +316,8 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
                 return rate
     usual, widest = float(np.median(steps)), int(np.argmax(np.abs(steps - np.median(steps))))
     gap = f"a step of {steps[widest]:.4g} s behind {time[widest]:.6g} s, where most are {usual:.4g} s"
-    raise MeasurementError(
-        f"{where}: found instants that are not evenly spaced: {gap}; expected one sampling rate; cut the record there, "
-        "or resample it"
-    )
+    found, expected = f"found instants that are not evenly spaced: {gap}", "one sampling rate"
+    raise MeasurementError.of(where, (), found, expected, "cut the record there, or resample it")
 
 
 def half_a_digit(values: Array) -> Array:

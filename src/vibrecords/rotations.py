@@ -184,22 +184,17 @@ def joint_frf_set(
             columns.append(by_dof[dof].compute_frf(frf).values)
         else:
             remedy = f'state its stations in [data.rotations."{dof}"]' if ":r" in dof else "measure it"
-            raise MeasurementError(
-                f"paper's iteration: found no FRF of {dof}, a DOF of the joint; expected the motion of the joint "
-                f"itself under every force; {remedy}"
-            )
+            found = f"found no FRF of {dof}, a DOF of the joint"
+            expected = "the motion of the joint itself under every force"
+            raise MeasurementError.of("paper's iteration", (), found, expected, remedy)
     return replace(frf, values=np.concatenate(columns, axis=1), outputs=wanted, coherence=None)
 
 
 def _require(frf: FrfSet, rotation: Rotation) -> None:
     if rotation.dof in frf.outputs:
-        raise MeasurementError(
-            f"rotation {rotation.dof}: found it among the measured DOFs; expected it from stations or from a sensor of "
-            "its own, not from both; remove one of the two"
-        )
+        expected, remedy = "it from stations or from a sensor of its own, not from both", "remove one of the two"
+        raise MeasurementError.of(f"rotation {rotation.dof}", (), "found it among the measured DOFs", expected, remedy)
     for station in rotation.stations:
         if station not in frf.outputs:
-            raise MeasurementError(
-                f"rotation {rotation.dof}: found no FRF of station {station}; expected one of "
-                f"{', '.join(frf.outputs)}; map its channel or correct the station"
-            )
+            found, remedy = f"found no FRF of station {station}", "map its channel or correct the station"
+            raise MeasurementError.of(f"rotation {rotation.dof}", (), found, f"one of {', '.join(frf.outputs)}", remedy)

@@ -80,10 +80,9 @@ class CoherenceNoise:
 
     def __post_init__(self) -> None:
         if not (0 < self.coherence < 1 and self.averages >= 2 and self.floor >= 0):
-            raise MeasurementError(
-                f"noise: found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}; expected "
-                "a coherence between 0 and 1, at least 2 averages and a floor of at least 0; correct them"
-            )
+            found = f"found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}"
+            expected = "a coherence between 0 and 1, at least 2 averages and a floor of at least 0"
+            raise MeasurementError.of("noise", (), found, expected, "correct them")
 
     def variance(self, values: ComplexArray) -> Array:
         """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
@@ -131,10 +130,9 @@ def coherence_variance(frf: FrfSet) -> Array:
         remedy = 'add them, or write in [data.variance] source = "relative", relative = 0.02, floor = 0.01'
         raise MeasurementError(f"{where}: found {found}; expected both coherence and averages; {remedy}")
     if frf.averages < 2:
-        raise MeasurementError(
-            f"{where}: found {frf.averages} average; expected 2 or more, since coherence of one average is 1 "
-            "whatever the noise; average more or state the noise as relative"
-        )
+        found = f"found {frf.averages} average"
+        expected = "2 or more, since coherence of one average is 1 whatever the noise"
+        raise MeasurementError.of(where, (), found, expected, "average more or state the noise as relative")
     coherence, magnitude = frf.coherence, np.abs(frf.values)
     perfect = np.argwhere((coherence >= _ONE).all(axis=0))
     if perfect.size:
@@ -145,7 +143,6 @@ def coherence_variance(frf: FrfSet) -> Array:
         )
     if not (coherence > 0).all():
         line = int(np.argwhere(~(coherence > 0))[0][0])
-        raise MeasurementError(
-            f"{where}: found a coherence of 0 at {frf.frequency_hz[line]:g} Hz; expected values above 0; drop the line"
-        )
+        found, expected = f"found a coherence of 0 at {frf.frequency_hz[line]:g} Hz", "values above 0"
+        raise MeasurementError.of(where, (), found, expected, "drop the line")
     return magnitude**2 * (1 - coherence) / ((frf.averages - 1) * coherence)

@@ -300,10 +300,8 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
     if offset is not None and item.size:
         longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
     if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
-        raise MeasurementError(
-            f"{where}: found {item.size} texts of up to {longest} bytes; expected at most {MOST_RECORDS} of "
-            f"{_LONGEST_TEXT}; {matlab_5.REMEDY}"
-        )
+        found = f"found {item.size} texts of up to {longest} bytes"
+        raise MeasurementError.of(where, (), found, f"at most {MOST_RECORDS} of {_LONGEST_TEXT}", matlab_5.REMEDY)
     return np.array(item.asstr(errors="replace")[()], dtype=str)
 
 

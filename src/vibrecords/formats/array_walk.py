@@ -96,9 +96,8 @@ def _frfs(block: Block) -> list[_Values]:
     for real, imaginary in pairs:
         one, other = block.unit_of(real), block.unit_of(imaginary)
         if one and other and one != other:
-            raise MeasurementError(
-                f"{block.where(imaginary)}: found the unit {other!r}; expected {one!r}, that of '{real}'; correct one"
-            )
+            found, expected = f"found the unit {other!r}", f"{one!r}, that of '{real}'"
+            raise MeasurementError.of(block.where(imaginary), (), found, expected, "correct one")
     frfs = [_Values(real, complex_of(*_same_size(block, real, imaginary))) for real, imaginary in pairs]
     if block.stated("real") and not frfs:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
@@ -118,10 +117,9 @@ def _frfs(block: Block) -> list[_Values]:
         expected = "complex numbers, or the other part with them"
         raise MeasurementError.of(block.where(named[0]), (), found, expected, f"{keys}, in [data.layout]")
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
-        raise MeasurementError(
-            f"{block.where(named[0])}: found {' and '.join(named)}, which may be estimates of one FRF or FRFs of "
-            f"several channels; expected one of them; write {_paste(block, frf=named[0])} in [data.layout]"
-        )
+        found = f"found {' and '.join(named)}, which may be estimates of one FRF or FRFs of several channels"
+        expected, remedy = "one of them", f"write {_paste(block, frf=named[0])} in [data.layout]"
+        raise MeasurementError.of(block.where(named[0]), (), found, expected, remedy)
     return frfs
 
 
@@ -139,9 +137,8 @@ def _pairs(block: Block, names: list[str], others: list[str]) -> Iterator[tuple[
 def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
     first, second = block.numbers(name), block.numbers(other)
     if first.shape != second.shape and not first.size == second.size == max(*first.shape, *second.shape):
-        raise MeasurementError(
-            f"{block.where(other)}: found shape {second.shape}; expected {first.shape} as '{name}'; correct one of them"
-        )
+        found, expected = f"found shape {second.shape}", f"{first.shape} as '{name}'"
+        raise MeasurementError.of(block.where(other), (), found, expected, "correct one of them")
     return first, second.reshape(first.shape)
 
 
@@ -194,10 +191,9 @@ def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Arr
         lines = start + step * np.arange(float(max(shape, default=0)))
         return lines, [f"lines of {start:g} Hz and steps of {step:g} Hz"]
     if step is not None:
-        raise MeasurementError(
-            f"{block.where(name)}: found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz; "
-            f'expected both; write f_start_hz = "0" or f_start_hz = "{step:g}" in [data.layout]'
-        )
+        found = f"found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz"
+        expected, remedy = "both", f'write f_start_hz = "0" or f_start_hz = "{step:g}" in [data.layout]'
+        raise MeasurementError.of(block.where(name), (), found, expected, remedy)
     if axes := [*block.named("w"), *(block.outer.named("w") if block.outer else [])]:
         raise MeasurementError(
             f"variable '{axes[0]}': found an axis that may be in rad/s or in Hz; expected its name to say which; write "
@@ -212,9 +208,8 @@ def _arrange(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple
     """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
     shape, notes, where = values.shape, [], block.where(name)
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
-        raise MeasurementError(
-            f"{where}: found shape {shape}; expected (lines, outputs, inputs) with {lines} lines; correct the array"
-        )
+        found, expected = f"found shape {shape}", f"(lines, outputs, inputs) with {lines} lines"
+        raise MeasurementError.of(where, (), found, expected, "correct the array")
     if shape.count(lines) > 1 and lines > 1 and not block.strings("outputs"):
         raise square_error(block, name, shape, "lines", "frf")
     if shape[0] != lines:
@@ -250,10 +245,8 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
         arranged, _ = _arrange(block, coherence, block.numbers(coherence), columns[0][1].size if columns else 0)
         squared = list(arranged.reshape(len(arranged), -1).T)
         if len(squared) != len(columns):
-            raise MeasurementError(
-                f"{block.where(coherence)}: found shape {arranged.shape}; expected {frf.values.shape} as the FRFs; "
-                "store one coherence for each FRF"
-            )
+            found, expected = f"found shape {arranged.shape}", f"{frf.values.shape} as the FRFs"
+            raise MeasurementError.of(block.where(coherence), (), found, expected, "store one coherence for each FRF")
     units, averages = block.units_of(frf.name, len(columns), alone=True), _averages(block)
     for (labels, lines, values, where, notes), of_pair, unit in zip(columns, squared, units, strict=True):
         factor, of_unit, converted = read_frf_unit(unit)
@@ -287,10 +280,8 @@ def _labels_of_axis(
         note = f"'{name}' read as response {digits[1]} over {digits[2]}"
     elif stated:
         if len(stated) != count or len(set(stated)) != count:
-            raise MeasurementError(
-                f"{block.where(f'{side}s')}: found {len(stated)} labels, {len(set(stated))} different; expected {count}"
-                ", one for each; correct them"
-            )
+            found, expected = f"found {len(stated)} labels, {len(set(stated))} different", f"{count}, one for each"
+            raise MeasurementError.of(block.where(f"{side}s"), (), found, expected, "correct them")
         return stated, []
     elif alone and not (is_output and block.label):
         return [f"{side} {i + 1}" for i in range(count)], [f"no {side}s named in the file, numbered instead"]
@@ -316,9 +307,8 @@ def _averages(block: Block) -> int | None:
         return None
     values, where = block.numbers("averages").ravel(), block.where("averages")
     if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
-        raise MeasurementError(
-            f"{where}: found {values[:3].tolist()}; expected one whole number from 1 to {MOST_AVERAGES}; correct it"
-        )
+        found, expected = f"found {values[:3].tolist()}", f"one whole number from 1 to {MOST_AVERAGES}"
+        raise MeasurementError.of(where, (), found, expected, "correct it")
     return int(values[0])
 
 
@@ -373,10 +363,8 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         shapes = shapes if square else shapes.T
     sizes = {key: values.size for key, values in of_modes.items()}
     if shapes.ndim != 2 or shapes.shape[1] != count or set(sizes.values()) != {count}:
-        raise MeasurementError(
-            f"{where}: found {sizes} values and shapes 'Phi' of shape {shapes.shape}; expected one of each for each of "
-            f"{count} modes, channels x modes; correct them"
-        )
+        found, remedy = f"found {sizes} values and shapes 'Phi' of shape {shapes.shape}", "correct them"
+        raise MeasurementError.of(where, (), found, f"one of each for each of {count} modes, channels x modes", remedy)
     if not ((frequency >= 0) & (frequency <= HIGHEST_HZ)).all():
         raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
     doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.name_of(key.lower())]
@@ -560,10 +548,9 @@ def _dewesoft(block: Block) -> Iterator[Block]:
         if (other := estimators.setdefault((data, response, reference), estimator)) != estimator:
             keys = {ours: name for ours, name in names.items() if ours not in ("averages", "phase")}
             keys |= {"phase_rad": names["phase"]} if "phase" in names else {}
-            raise MeasurementError(
-                f"{block.where(match[0])}: found {other} and {estimator} of one FRF; expected one of them; write "
-                f"{_paste(block, **keys)} (phase_deg for degrees) in [data.layout]"
-            )
+            found = f"found {other} and {estimator} of one FRF"
+            expected, remedy = "one of them", f"write {_paste(block, **keys)} (phase_deg for degrees) in [data.layout]"
+            raise MeasurementError.of(block.where(match[0]), (), found, expected, remedy)
         used |= {name for ours, name in names.items() if ours != "averages"}
         used |= {name.replace(data, f"{data}X_") for name in used}
         ends = (
@@ -633,9 +620,8 @@ def _in_doubt(label: str, why: str) -> str:
 def _even_axis(x: Block, count: int) -> Array:
     start, step, stated = (x.scalar(key) for key in ("start_value", "increment", "number_of_values"))
     if start is None or step is None or not (np.isfinite([start, step]).all() and step > 0):
-        raise MeasurementError(
-            f"{x.where('increment')}: found steps of {step} from {start}; expected 'start_value' and a step above 0"
-        )
+        found, expected = f"found steps of {step} from {start}", "'start_value' and a step above 0"
+        raise MeasurementError.of(x.where("increment"), (), found, expected)
     return start + step * np.arange(float(count) if stated is None or not 0 <= stated <= 1e9 else stated)
 
 
@@ -700,9 +686,8 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
     """Blocks in which arrays have the names that the layout gives them."""
     for key in layout:
         if key not in LAYOUT_KEYS:
-            raise MeasurementError(
-                f"[data.layout]: found '{key}' for a file of arrays; expected one of {', '.join(LAYOUT_KEYS)}"
-            )
+            found, expected = f"found '{key}' for a file of arrays", f"one of {', '.join(LAYOUT_KEYS)}"
+            raise MeasurementError.of("[data.layout]", (), found, expected)
     places = {key: _holders(blocks, key, path) for key, path in layout.items()}
     within = {key: {id(holder): (holder, name) for holder, name in held} for key, held in places.items()}
     data = next((key for key in layout if key in _DATA), None)
@@ -715,10 +700,8 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
             held = within[key].get(id(block)) or places[key][0]
             if len(places[key]) > 1 and held[0] is not block:
                 listed = " and ".join(f"'{holder.path(name)}'" for holder, name in places[key][:2])
-                raise MeasurementError(
-                    f"[data.layout] {key}: found {path!r} {len(places[key])} times, {listed}; expected one; write "
-                    "its whole path"
-                )
+                found, expected = f"found {path!r} {len(places[key])} times, {listed}", "one"
+                raise MeasurementError.of(f"[data.layout] {key}", (), found, expected, "write its whole path")
             mapped[key], written[key] = _value(held, key, path)
         kept = {n: v for n, v in block.arrays.items() if is_text(v) or block.meanings[n].role not in dropped}
         used = {
@@ -765,10 +748,9 @@ def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
     axis, (first, _, last) = (0 if match["row"] else 1), (match["row"] or match["column"]).partition(":")
     array = block.numbers(name, np.complex128 if np.iscomplexobj(value) else np.float64)
     if array.ndim != 2 or not 1 <= int(first) <= int(last or first) <= array.shape[axis]:
-        raise MeasurementError(
-            f"[data.layout] {key}: found {path!r} of an array of shape {array.shape}; expected a column or row of it, "
-            "or several as 2:4, counted from 1; correct the number"
-        )
+        found = f"found {path!r} of an array of shape {array.shape}"
+        expected = "a column or row of it, or several as 2:4, counted from 1"
+        raise MeasurementError.of(f"[data.layout] {key}", (), found, expected, "correct the number")
     part = np.take(array, np.arange(int(first) - 1, int(last or first)), axis)
     part = part.T if axis == 0 else part
     return part if last else part[:, 0], path
@@ -840,7 +822,9 @@ def _keys_to_paste(block: Block) -> str:
         rate = {block.scalar("rate"), block.scalar("interval")} != {None}
         key = {"response" if n in vectors else "samples": n for n in channels[:1]}
         return _paste(block, **key) + ("" if rate else f", {RATE_KEY}") if key else ""
-    # 3. over lines, or over instants
+    # 3. modes with their damping; over lines, or over instants
+    if damping := [path for path in others if "damp" in path.lower()]:
+        return _paste(block, mode_frequencies_hz=axis, damping_ratios=damping[0])
     if not roles[axis] and {roles[path] for path in others} & values:
         return _paste(block, frequency_hz=axis)
     if frfs := [path for path in unknown if is_complex(vectors[path])]:

@@ -89,10 +89,9 @@ def restate_frf(record: FrfRecord, response: ChannelUnit, force: ChannelUnit) ->
     below, source = _side(force, of_force, _factor(of_force), place)
     quantity = next((name for name in get_args(Quantity) if MOTION_OF[name] == motion), record.quantity)
     if motion == "force" or source not in (None, "force"):
-        raise MeasurementError(
-            f"{place}: found {motion or 'a motion'} over {source or 'a force'}; expected a motion over a force; "
-            "correct unit and quantity of its channels in [data.channels]"
-        )
+        found = f"found {motion or 'a motion'} over {source or 'a force'}"
+        expected, remedy = "a motion over a force", "correct unit and quantity of its channels in [data.channels]"
+        raise MeasurementError.of(place, (), found, expected, remedy)
     values, factor = scaled(record.values, above / below / (record.factor or 1.0)), above / below
     notes = _note(record.response, of_response, response, motion) + _note(record.reference, of_force, force, source)
     kept = tuple(note for note in record.notes if "left as written" not in note and "converted to" not in note)
@@ -144,15 +143,12 @@ def _side(stated: ChannelUnit, unit: str, factor: float | None, place: str) -> t
     if of_case is not None:
         return of_case
     if factor is None:
-        raise MeasurementError(
-            f"{place}: found the unit {unit!r}, which is none of a force or motion; expected the unit of each channel; "
-            f"{_EXAMPLE}, with sensitivity = 0.01 where the file holds volts"
-        )
+        found = f"found the unit {unit!r}, which is none of a force or motion"
+        expected, remedy = "the unit of each channel", f"{_EXAMPLE}, with sensitivity = 0.01 where the file holds volts"
+        raise MeasurementError.of(place, (), found, expected, remedy)
     if stated.quantity and of_file and of_file[1] != stated.quantity:
-        raise MeasurementError(
-            f'{place}: found {of_file[1]} by the unit {unit!r} and quantity = "{stated.quantity}" in the case; '
-            f"expected one; {_EXAMPLE} if the file is wrong"
-        )
+        found = f'found {of_file[1]} by the unit {unit!r} and quantity = "{stated.quantity}" in the case'
+        raise MeasurementError.of(place, (), found, "one", f"{_EXAMPLE} if the file is wrong")
     return factor, stated.quantity or (of_file[1] if of_file else None)
 
 

@@ -44,10 +44,9 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
         checked = _check(record, where)
         pair = (checked.response, checked.reference)
         if pair in frfs:
-            raise MeasurementError(
-                f"{where}: {checked.where}: found the FRF of {pair[0]!r} over {pair[1]!r} again, first in "
-                f"{frfs[pair].where}; expected each pair once; split repeated measurements into files"
-            )
+            found = f"found the FRF of {pair[0]!r} over {pair[1]!r} again, first in {frfs[pair].where}"
+            expected, remedy = "each pair once", "split repeated measurements into files"
+            raise MeasurementError.of(f"{where}: {checked.where}", (), found, expected, remedy)
         frfs[pair] = checked
         _same_kind(checked, next(iter(frfs.values())), where)
     if not frfs:
@@ -161,10 +160,8 @@ def _check(record: FrfRecord, where: str) -> FrfRecord:
     lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
     require_lines(lines, place)
     if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
-        raise MeasurementError(
-            f"{place}: found lines from {lines[0]:g} to {lines[-1]:g} Hz; expected them within {1 / HIGHEST_HZ:g} to "
-            f"{HIGHEST_HZ:g} Hz; look at the unit of the axis"
-        )
+        expected, remedy = f"them within {1 / HIGHEST_HZ:g} to {HIGHEST_HZ:g} Hz", "look at the unit of the axis"
+        raise MeasurementError.of(place, (), f"found lines from {lines[0]:g} to {lines[-1]:g} Hz", expected, remedy)
     with np.errstate(invalid="ignore"):  # of NaN that signal
         zero = values == 0
     absurd = (~measurable(values), f"a number beyond {LARGEST:g} or its inverse")
@@ -184,23 +181,19 @@ def _coherence(coherence: Array, lines: Array, place: str) -> Array:
     bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
     if bad.any():
         line = int(np.argmax(bad))
-        raise MeasurementError(
-            f"{place}: found coherence {coherence[line]:g} at {lines[line]:g} Hz; expected 0 to 1; leave it out"
-        )
+        found, expected = f"found coherence {coherence[line]:g} at {lines[line]:g} Hz", "0 to 1"
+        raise MeasurementError.of(place, (), found, expected, "leave it out")
     return np.minimum(coherence, 1.0)
 
 
 def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
     if record.quantity is None:
-        raise MeasurementError(
-            f"{where}: {record.where}: found no word on what the FRF is; expected receptance, mobility or accelerance "
-            "from unit or axis type; state the quantity"
-        )
+        expected, remedy = "receptance, mobility or accelerance from unit or axis type", "state the quantity"
+        raise MeasurementError.of(f"{where}: {record.where}", (), "found no word on what the FRF is", expected, remedy)
     if record.quantity != first.quantity:
-        raise MeasurementError(
-            f"{where}: {record.where}: found {record.quantity} beside {first.quantity} in {first.where}; expected one "
-            "quantity throughout; split the file or state the quantity"
-        )
+        found = f"found {record.quantity} beside {first.quantity} in {first.where}"
+        expected, remedy = "one quantity throughout", "split the file or state the quantity"
+        raise MeasurementError.of(f"{where}: {record.where}", (), found, expected, remedy)
     if not np.isclose(record.window_rate, first.window_rate, equal_nan=True):
         found = f"{record.where}: found another exponential window than in {first.where}"
         raise MeasurementError(f"{where}: {found}; expected one window throughout; split the file")
@@ -216,9 +209,8 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
     rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
     for output, input_ in product(outputs, inputs):
         if (output, input_) not in frfs:
-            raise MeasurementError(
-                f"{where}: found no FRF of {output!r} over {input_!r}; expected every output with every input; add it"
-            )
+            found, expected = f"found no FRF of {output!r} over {input_!r}", "every output with every input"
+            raise MeasurementError.of(where, (), found, expected, "add it")
     shape = (first.frequency_hz.size, len(outputs), len(inputs))
     complete = all(record.coherence is not None for record in frfs.values())
     told = [record.averages for record in frfs.values() if record.averages is not None]

@@ -102,9 +102,8 @@ def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str]
             names = _names(segment, lines, layout)
         values, gaps = read_rows(_split_rows(rows, layout, len(names)), len(names))
         if not len(values):
-            raise MeasurementError(
-                f"line {segment.line}: found no row of numbers in the segment; expected the samples; export it again"
-            )
+            found, expected = "found no row of numbers in the segment", "the samples"
+            raise MeasurementError.of(f"line {segment.line}", (), found, expected, "export it again")
         if axes := [line for i, line in gaps.items() if names[i].lower() == "x_value"]:
             raise bad_number("", f"line {min(axes)}")
         values[:, list(gaps)] = np.nan  # a channel of another rate, whose samples do not fill the rows
@@ -133,9 +132,8 @@ def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _S
         segment.fields[key.strip().lower()] = [value.strip() for value in values]
         if len(segment.fields) > 1000:
             break
-    raise MeasurementError(
-        f"line {segment.line}: found no end of the segment's header; expected {_END}; the file is cut off, export again"
-    )
+    found, expected = "found no end of the segment's header", _END
+    raise MeasurementError.of(f"line {segment.line}", (), found, expected, "the file is cut off, export again")
 
 
 def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:

@@ -85,10 +85,9 @@ def refuse_larger(size: float, most: int) -> None:
         If there are more than `most` bytes.
     """
     if size > most:
-        raise MeasurementError(
-            f"content: found arrays of {size / 1e6:.3g} MB or more; expected at most {most / 1e6:.3g} MB in a file of "
-            "this size; save it again without compression"
-        )
+        found = f"found arrays of {size / 1000000.0:.3g} MB or more"
+        expected = f"at most {most / 1000000.0:.3g} MB in a file of this size"
+        raise MeasurementError.of("content", (), found, expected, "save it again without compression")
 
 
 def refuse_deeper(depth: int, count: int, where: str) -> None:
@@ -100,10 +99,8 @@ def refuse_deeper(depth: int, count: int, where: str) -> None:
         If it is deeper than `DEEPEST` or more than `MOST_OBJECTS`.
     """
     if depth > DEEPEST or count > MOST_OBJECTS:
-        raise MeasurementError(
-            f"{where[:80]}: found groups {depth} deep, {count} entries so far; expected at most {DEEPEST} deep and "
-            f"{MOST_OBJECTS} entries; {REMEDY}"
-        )
+        found = f"found groups {depth} deep, {count} entries so far"
+        raise MeasurementError.of(where[:80], (), found, f"at most {DEEPEST} deep and {MOST_OBJECTS} entries", REMEDY)
 
 
 def full_matrix(

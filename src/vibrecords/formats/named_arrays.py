@@ -379,9 +379,8 @@ def _of_samples(block: Block, count: int) -> list[_History]:
     units, words = block.units_of("samples", count, alone=True), block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.name_of("hits") else np.zeros(count)
     if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
-        raise MeasurementError(
-            f"{block.where('hits')}: found {hits[:3].tolist()}; expected whole numbers from 1, 0 for none; correct it"
-        )
+        found, expected = f"found {hits[:3].tolist()}", "whole numbers from 1, 0 for none"
+        raise MeasurementError.of(block.where("hits"), (), found, expected, "correct it")
     if not len(channels) == len(units) == len(words) == len(hits) == count:
         raise MeasurementError(
             f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
@@ -467,10 +466,9 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
     rates = [rate for rate in (block.scalar("rate"), 1 / interval if interval else None) if rate is not None]
     possible = all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates)
     if not possible or (not rates and block.name_of("sample_rate_hz")):
-        raise MeasurementError(
-            f"{block.where('sample_rate_hz')}: found {f'{rates[0]:g}' if rates else 'no one number'}; expected one "
-            f"number above 0 and up to {HIGHEST_HZ:g} Hz; correct it"
-        )
+        found = f"found {(f'{rates[0]:g}' if rates else 'no one number')}"
+        expected = f"one number above 0 and up to {HIGHEST_HZ:g} Hz"
+        raise MeasurementError.of(block.where("sample_rate_hz"), (), found, expected, "correct it")
     time, notes = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,)), []
     where = block.where(axes[0] if axes else "time")
     if time is not None:
@@ -492,8 +490,7 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
         raise MeasurementError.of(block.where(name), (), "found no sampling rate", expected, remedy)
     if not max(rates) / min(rates) - 1 < 1e-2:
         by_axis = f'time = "{block.path(axes[0])}" or ' if axes else f'sample_rate_hz = "{rates[-1]:.9g}" or '
-        raise MeasurementError(
-            f"{where}: found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz; expected one; write "
-            f'{by_axis}sample_rate_hz = "{rates[0]:.9g}" in [data.layout]'
-        )
+        found = f"found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz"
+        expected, remedy = "one", f'write {by_axis}sample_rate_hz = "{rates[0]:.9g}" in [data.layout]'
+        raise MeasurementError.of(where, (), found, expected, remedy)
     return rates[0], notes

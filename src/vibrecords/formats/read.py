@@ -76,9 +76,8 @@ def _head(path: Path) -> bytes:
         if not stat.S_ISREG(about.st_mode):
             raise MeasurementError(f"{path}: found a directory, a device or a pipe; {expected}")
         if about.st_size > MOST_BYTES:
-            raise MeasurementError(
-                f"{path}: found {about.st_size / 2**30:.3g} GiB; expected at most {MOST_BYTES >> 30}; split the file"
-            )
+            found, expected = f"found {about.st_size / 2**30:.3g} GiB", f"at most {MOST_BYTES >> 30}"
+            raise MeasurementError.of(str(path), (), found, expected, "split the file")
         with path.open("rb") as file:
             return file.read(4096)
     except FileNotFoundError:
@@ -97,9 +96,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         try:
             names = [entry.filename for entry in zip_entries(path)]
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            raise MeasurementError(
-                f"{path}: found a zip archive that is cut off or damaged; expected a complete npz file; copy it again"
-            ) from None
+            found, expected = "found a zip archive that is cut off or damaged", "a complete npz file"
+            raise MeasurementError.of(str(path), (), found, expected, "copy it again") from None
         if any(name.endswith(".npy") for name in names):
             return "npz"
         if "xl/workbook.xml" in names:

@@ -67,10 +67,9 @@ def _records(table: ColumnTable, axis: str | None) -> Iterator[Record]:
             continue
         starts.append((float(instants[0]), float(instants[1] - instants[0])))
         if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
-            raise MeasurementError(
-                f"column {numbers[0] + 1}: found a channel that begins at {starts[-1][0]:g}, the first at "
-                f"{starts[0][0]:g}; expected channels that begin together; cut them to one start"
-            )
+            found = f"found a channel that begins at {starts[-1][0]:g}, the first at {starts[0][0]:g}"
+            expected = "channels that begin together"
+            raise MeasurementError.of(f"column {numbers[0] + 1}", (), found, expected, "cut them to one start")
 
 
 @dataclass(slots=True)
@@ -154,10 +153,9 @@ class _Group:
         meant = unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
         if cartesian:
             if other_unit and read_frf_unit(other_unit)[:2] != read_frf_unit(unit)[:2]:
-                raise MeasurementError(
-                    f"columns {first + 1} and {second + 1}: found the units {unit!r} and {other_unit!r}; expected one "
-                    "unit of both parts; correct the header"
-                )
+                found = f"found the units {unit!r} and {other_unit!r}"
+                expected, remedy = "one unit of both parts", "correct the header"
+                raise MeasurementError.of(f"columns {first + 1} and {second + 1}", (), found, expected, remedy)
             meant, values = meant or other_unit, complex_of(numbers, other_numbers)
         else:
             magnitude, meant = _magnitude(numbers, meant, f"column {first + 1}", notes)
@@ -193,10 +191,9 @@ class _Group:
         rate = even_rate(instants * scale, where, told)
         doubtful = not unit and rate != told
         if doubtful and rate < 1.001 / headers.FREQUENCY_STEP:
-            raise MeasurementError(
-                f"{where}: found time without a unit in steps of {1 / rate:g}; expected s ({rate:g} samples a second) "
-                f"or ms ({1e3 * rate:g} a second); write [s] or [ms] behind its name"
-            )
+            found = f"found time without a unit in steps of {1 / rate:g}"
+            expected = f"s ({rate:g} samples a second) or ms ({1000.0 * rate:g} a second)"
+            raise MeasurementError.of(where, (), found, expected, "write [s] or [ms] behind its name")
         if doubtful and rate < 1.001 / headers.TIME_STEP:
             self.notes += (f"time without unit taken as s, {rate:g} samples a second",)
         self.pass_over(spectra)
@@ -334,9 +331,8 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
         return [None] * count
     numbers = [number.strip() for number in text.split(",")]
     if any(not number.isdecimal() or len(number) > 9 or not 1 <= int(number) <= MOST_AVERAGES for number in numbers):
-        raise MeasurementError(
-            f"header: found averages {text[:30]!r}; expected whole numbers from 1 to {MOST_AVERAGES}; correct it"
-        )
+        found, expected = f"found averages {text[:30]!r}", f"whole numbers from 1 to {MOST_AVERAGES}"
+        raise MeasurementError.of("header", (), found, expected, "correct it")
     if len(numbers) not in (1, count):
         raise MeasurementError(f"header: found {len(numbers)} numbers of averages; expected 1 or {count}; correct it")
     return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
@@ -357,10 +353,8 @@ def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[
     decibels = re.match(r"dB\b\s*(?:,|re\.?|ref\.?)?\s*(?P<level>[\d.]+(?:e[+-]?\d+)?)?\s*", unit, re.IGNORECASE)
     if decibels is None:
         if (values < 0).any():
-            raise MeasurementError(
-                f"{where}: found a magnitude below 0 in {unit or 'no unit'!r}; expected magnitudes, or decibels named "
-                "so; write [dB re 1 m/s²/N] or the like behind the name"
-            )
+            found, expected = f"found a magnitude below 0 in {unit or 'no unit'!r}", "magnitudes, or decibels named so"
+            raise MeasurementError.of(where, (), found, expected, "write [dB re 1 m/s²/N] or the like behind the name")
         return values, unit
     level, reference = float_of(decibels["level"] or "1"), unit[decibels.end() :]
     if not level or not 1e-30 < level < 1e30:

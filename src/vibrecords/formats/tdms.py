@@ -36,9 +36,8 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
         channels = [channel for group in file.groups() for channel in group.channels()]
         size = path.stat().st_size
         if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
-            raise MeasurementError(
-                f"content: found {sum(map(len, channels))} values in {size} bytes; expected fewer; copy the file again"
-            )
+            found, expected = f"found {sum(map(len, channels))} values in {size} bytes", "fewer"
+            raise MeasurementError.of("content", (), found, expected, "copy the file again")
         scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
         require_at_most(_MOST_SCALES, max(map(int, scales)), "content", "scales of a channel", "copy it again")
         status = file.file_status
@@ -102,10 +101,9 @@ def _group_table(
                 columns.append(column_of(f"{part} {c.name} [{c.unit}]" if c.unit else f"{part} {c.name}"))
                 arrays.append(values)
     if not clocks and not any(column.role in ("time", "frequency") for column in columns) and not layout:
-        raise MeasurementError(
-            f"{place}: found {describe(columns)} without a wf_increment; expected the "
-            "time between samples, or a channel named time or frequency; export the channels as waveforms"
-        )
+        found = f"found {describe(columns)} without a wf_increment"
+        expected = "the time between samples, or a channel named time or frequency"
+        raise MeasurementError.of(place, (), found, expected, "export the channels as waveforms")
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
     for i, array in enumerate(arrays):
         table[: array.size, i] = array

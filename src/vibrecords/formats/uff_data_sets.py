@@ -303,10 +303,8 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
         if not line.strip() or ((number == 0 or is_ended) and not _DELIMITER.fullmatch(line)):
             continue
         if not _DELIMITER.fullmatch(line):
-            raise MeasurementError(
-                f"line {line_of(file, here)}: found {_shown(line)} between data sets; expected the delimiter -1; "
-                "the file is damaged or cut off, export it again"
-            )
+            found, remedy = f"found {_shown(line)} between data sets", "the file is damaged or cut off, export it again"
+            raise MeasurementError.of(f"line {line_of(file, here)}", (), found, "the delimiter -1", remedy)
         number += 1
         yield _data_set(file, number)
 
@@ -831,10 +829,9 @@ def _index(file: BinaryIO) -> _UniversalFile:
     for data_set in scan(file):
         behind = file.tell()
         if data_set.number > _MOST_SETS:
-            raise MeasurementError(
-                f"data sets: found more than {_MOST_SETS}; expected at most {MOST_RECORDS} FRFs and time histories "
-                "with what belongs to them; split the file"
-            )
+            found = f"found more than {_MOST_SETS}"
+            expected = f"at most {MOST_RECORDS} FRFs and time histories with what belongs to them"
+            raise MeasurementError.of("data sets", (), found, expected, "split the file")
         if data_set.kind == 164:
             with source.located(data_set):
                 source.units[data_set.number] = units_of(source.body(data_set, 4096))
@@ -936,9 +933,8 @@ def _averages(header: FunctionHeader) -> int | None:
 def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
     header, abscissa, ordinate = source.function(data_set)
     if header.is_complex:
-        raise MeasurementError(
-            f"data set {data_set.number}: found complex values of a time history; expected real ones; export again"
-        )
+        found, expected = "found complex values of a time history", "real ones"
+        raise MeasurementError.of(f"data set {data_set.number}", (), found, expected, "export again")
     scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
     instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
     exact, place = float_of(header.said("sample_rate_hz=")), f"data set {data_set.number}"

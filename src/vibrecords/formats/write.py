@@ -84,9 +84,8 @@ def write_records(records: Iterable[Record], path: str | Path, format: str = "cs
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except UnicodeEncodeError as error:
-        raise MeasurementError(
-            f"{path}: found a label that is no text ({error.object[:30]!r}); expected characters; rename it"
-        ) from None
+        found, expected = f"found a label that is no text ({error.object[:30]!r})", "characters"
+        raise MeasurementError.of(str(path), (), found, expected, "rename it") from None
 
 
 def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
@@ -109,9 +108,8 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
         return names, columns, comments
     rate, size = times[0].sample_rate_hz, times[0].values.size
     if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
-        raise MeasurementError(
-            "table: found time histories of different rates or lengths; expected one time axis; write a file for each"
-        )
+        found, expected = "found time histories of different rates or lengths", "one time axis"
+        raise MeasurementError.of("table", (), found, expected, "write a file for each")
     labels = (r.channel if r.hit is None else f"{r.channel} hit {r.hit}" for r in times)
     names = [f"{label} [{SI_SENSOR[r.quantity]}]" for label, r in zip(labels, times, strict=True)]
     columns = [np.arange(size) / rate, *(r.values for r in times)]

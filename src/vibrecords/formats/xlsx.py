@@ -31,9 +31,8 @@ def read_xlsx(path: Path, records_of: Callable[[ColumnTable], Iterable[Record]])
     openpyxl = reading_package("openpyxl", "an Excel file", "save the sheet as CSV")
     size = sum(entry.file_size for entry in zip_entries(path))
     if size > _MOST_BYTES:
-        raise MeasurementError(
-            f"workbook: found {size / 1e6:.3g} MB when unpacked; expected at most {_MOST_BYTES >> 20}; save it as CSV"
-        )
+        found, expected = f"found {size / 1000000.0:.3g} MB when unpacked", f"at most {_MOST_BYTES >> 20}"
+        raise MeasurementError.of("workbook", (), found, expected, "save it as CSV")
     tables: dict[str, ColumnTable] = {}
     refused: dict[str, MeasurementError] = {}
     damage = refuse_damage("workbook", "an Excel file; save it again, or as CSV")

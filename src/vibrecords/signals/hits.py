@@ -60,10 +60,9 @@ class HitSettings:
                 f"{self.double_hit_level:g}; expected fractions between 0 and 1; correct them"
             )
         if (self.block_s is not None and not self.block_s > 0) or not self.pretrigger_s >= 0:
-            raise MeasurementError(
-                f"hits: found blocks of {self.block_s} s that begin {self.pretrigger_s:g} s before the trigger; "
-                "expected a length above 0 and a pretrigger of at least 0; correct them"
-            )
+            found = f"found blocks of {self.block_s} s that begin {self.pretrigger_s:g} s before the trigger"
+            expected = "a length above 0 and a pretrigger of at least 0"
+            raise MeasurementError.of("hits", (), found, expected, "correct them")
 
 
 @dataclass(frozen=True, slots=True)

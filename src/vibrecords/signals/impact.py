@@ -65,10 +65,9 @@ def impact_frfs(
         hits = reject_overloads(hits, response, chosen.hits)
     if not any(hit.kept for hit in hits):
         reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
-        raise MeasurementError(
-            f"impact on {forces[0].channel!r}: found no hit to keep among {len(hits)} ({reasons}); expected at least "
-            "one; hit again, or change block, pretrigger or levels"
-        )
+        found = f"found no hit to keep among {len(hits)} ({reasons})"
+        expected, remedy = "at least one", "hit again, or change block, pretrigger or levels"
+        raise MeasurementError.of(f"impact on {forces[0].channel!r}", (), found, expected, remedy)
     return tuple(_estimate(pairs, hits, chosen) for pairs in together)
 
 
@@ -78,10 +77,8 @@ def _estimate(
     rate, kept = pairs[0][0].sample_rate_hz, [hit for hit in hits if hit.kept]
     lengths = {settings.hits.samples(pairs[hit.record][0]) for hit in kept}
     if len(lengths) > 1:
-        raise MeasurementError(
-            f"impact on {pairs[0][0].channel!r}: found blocks of {min(lengths)} to {max(lengths)} samples; expected "
-            "one length; give block_s to cut them alike"
-        )
+        found, remedy = f"found blocks of {min(lengths)} to {max(lengths)} samples", "give block_s to cut them alike"
+        raise MeasurementError.of(f"impact on {pairs[0][0].channel!r}", (), found, "one length", remedy)
     (samples,) = lengths
     frequency, lines = spectra.kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     decay = windows.exponential_window(samples, settings.exponential_end)
@@ -135,14 +132,15 @@ def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz:
     MeasurementError
         If there is no force, or one that is no hammer's.
     """
-    found = [(record, hits_of(record)) for forces, _ in spectra.sort_by_force(records) for record in forces]
-    other = next((record for record, hits in found if not hits), None)
+    of_hammer = [(record, hits_of(record)) for forces, _ in spectra.sort_by_force(records) for record in forces]
+    other = next((record for record, hits in of_hammer if not hits), None)
     if other is not None:
-        raise MeasurementError(
-            f"{other.where}: found a force on {other.channel!r} that is no hammer's; expected hits, or how FRFs "
-            'are made; write method = "shaker" and block_s in [data.records]'
-        )
-    gaps = np.concatenate([np.diff([hit.trigger for hit in hits]) / record.sample_rate_hz for record, hits in found])
+        found = f"found a force on {other.channel!r} that is no hammer's"
+        expected, remedy = "hits, or how FRFs are made", 'write method = "shaker" and block_s in [data.records]'
+        raise MeasurementError.of(other.where, (), found, expected, remedy)
+    gaps = np.concatenate(
+        [np.diff([hit.trigger for hit in hits]) / record.sample_rate_hz for record, hits in of_hammer]
+    )
     block_s = float(np.floor(900 * np.quantile(gaps, 0.25)) / 1000) if gaps.size else None
     hit_settings = HitSettings(block_s, block_s / 20 if block_s else 0.0)
     return ImpactSettings(hit_settings, f_min_hz=f_min_hz, f_max_hz=f_max_hz)
