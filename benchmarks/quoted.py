@@ -193,7 +193,7 @@ def _freed(record: Record, name: str) -> list[str]:
 
 def _cases(record: Record) -> list[str]:
     """Every case that can be run: what it is, and what came out."""
-    lines = ["| File | What it is | Median and 95 % credible interval |", "|---|---|---|"]
+    lines = ["| File | What it is | 95 % credible interval |", "|---|---|---|"]
     for name, case in record["cases"].items():
         names = stiffnesses(case)
         each = (_found(k, case[k]) for k in names)
@@ -206,9 +206,9 @@ def _cases(record: Record) -> list[str]:
 
 
 def _found(name: str, entry: Record) -> str:
-    """Median, interval and verdict of a stiffness, without what the verdict takes as exact."""
+    """Return interval and verdict of a stiffness, without what the verdict takes as exact."""
     words = re.sub(r" only if .* exact$", " on condition", entry["words"])
-    return f"{name} {_median(entry)} {entry['unit']} ({_ends(entry)}): {words}"
+    return f"{name} {_ends(entry)} {entry['unit']}: {words}"
 
 
 def _compare(record: Record) -> list[str]:

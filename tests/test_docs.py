@@ -316,7 +316,7 @@ def test_the_errors_shown_are_those_of_the_slips_described(tmp_path, monkeypatch
         path.write_text(edited(right, *changes), encoding="utf-8")
         with pytest.raises(jb.CaseError) as caught:
             jb.load_case(path)
-        assert f"jointbayes: {caught.value}\n```" in shown, caught.value
+        assert f"jointbayes: {caught.value}\n" in shown, caught.value
     Path("configs/clamped_beam.toml").write_text(right, encoding="utf-8")
     with pytest.raises(jb.CaseError) as caught:
         jb.load_case("configs/clamped_bem.toml")

@@ -66,10 +66,7 @@ def carried_out(tmp_path):
     return carry_out
 
 
-@pytest.mark.parametrize("heading", [
-    "A shape of cross-section", "A file format",
-    *(pytest.param(heading, marks=pytest.mark.long) for heading in ("A noise model", "A section of the report")),
-])  # fmt: skip
+@pytest.mark.parametrize("heading", ["A shape of cross-section", "A file format"])
 def test_what_the_page_says_of_adding_a_thing_makes_one_that_works(heading, carried_out):
     script, _, prints = SCRIPTS[heading].partition("# prints\n")
     assert carried_out(heading, script) == prints
