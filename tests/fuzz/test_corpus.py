@@ -1,49 +1,29 @@
-"""What was found by fuzzing once stays right: every kept file of every target, in each run of the tests."""
+"""What was found by fuzzing once stays right: every kept file of every target."""
 
 import pytest
 
 from tests.fuzz.harness import Attacker
-from tests.fuzz.targets import files, places
+from tests.fuzz.targets import FILES, TARGETS
 
 #: Whose kept files take ten seconds.
 _LARGE = ("case", "posterior")
+_KNOWN = [pytest.param(name, marks=[pytest.mark.long, pytest.mark.science] if name in _LARGE else pytest.mark.whole)
+          for name in TARGETS]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def reader():
-    """One process for files of all formats, which are told apart by what they hold and by their ending."""
-    with Attacker(places()["csv"]) as attacker:
+    """One process for files of all formats: what they hold and their ending says which is which."""
+    with Attacker("tests.fuzz.targets:csv") as attacker:
         yield attacker
 
 
-def attempted(attacker, target):
+@pytest.mark.parametrize("name", _KNOWN)
+def test_every_kept_file_is_taken_or_refused_in_one_line(reader, name):
+    target = TARGETS[name]
     kept = target.corpus()
     assert kept
-    for path in kept:
-        verdict = attacker.attempt(path.read_bytes(), target.suffix)
-        assert verdict.right, f"{path.name}: {verdict.kind}: {verdict.where}\n{verdict.text}"
-
-
-@pytest.mark.whole
-@pytest.mark.parametrize("target", files.TARGETS, ids=lambda target: target.name)
-def test_every_kept_file_is_taken_or_refused_in_one_line(reader, target):
-    attempted(reader, target)
-
-
-@pytest.mark.long
-@pytest.mark.science
-@pytest.mark.parametrize("name", _LARGE)
-def test_every_kept_case_and_posterior_is_taken_or_refused_in_one_line(name):
-    with Attacker(places()[name]) as attacker:
-        attempted(attacker, attacker.target)
-
-
-@pytest.mark.whole
-def test_every_kept_structure_is_taken_or_refused_in_one_line():
-    with Attacker(places()["structure"]) as attacker:
-        attempted(attacker, attacker.target)
-
-
-@pytest.mark.whole
-def test_every_target_has_its_kept_files_attempted():
-    assert set(places()) == {*_LARGE, "structure", *(target.name for target in files.TARGETS)}
+    with Attacker(f"tests.fuzz.targets:{name}") as own:
+        for path in kept:
+            verdict = (reader if target in FILES else own).attempt(path.read_bytes(), target.suffix)
+            assert verdict.right, f"{path.name}: {verdict.kind}: {verdict.where}\n{verdict.text}"

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from jointbayes.errors import CaseError, ModelError
+from tests.fuzz.damage import EXTREMES, damaged_bytes, with_extreme_number
 from tests.fuzz.harness import Attacker, fuzz, made_input
-from tests.fuzz.mutations import EXTREMES, damaged_bytes, with_extreme_number
-from tests.fuzz.target import Target
+from tests.fuzz.targets import TARGETS as ALL
+from tests.fuzz.targets import Target
 
 
 class _RawError(ModelError):
@@ -33,7 +34,7 @@ class Misbehaving(Target):
     def seeds(self):
         return [b"fine"]
 
-    def mutate(self, rng, content):
+    def damage(self, rng, content, other):
         return rng.choice([content, b"xxxxxx zero xxxxxx", b"refuse"])
 
     def attempt(self, path):
@@ -72,11 +73,12 @@ class Misbehaving(Target):
 
 
 BAD = Misbehaving()
+TARGETS = {BAD.name: BAD}
 
 
 @pytest.fixture(scope="module")
 def attacker():
-    with Attacker(f"{HERE}:BAD") as attacker:
+    with Attacker(f"{HERE}:{BAD.name}") as attacker:
         yield attacker
 
 
@@ -99,7 +101,7 @@ def test_inputs_depend_on_seed_and_number_alone():
 
 
 def test_an_offender_is_kept_small_with_what_it_did_and_counted(tmp_path):
-    tally = fuzz(f"{HERE}:BAD", seed=1, count=40, seconds=None, offenders=tmp_path)
+    tally = fuzz(f"{HERE}:{BAD.name}", seed=1, count=40, seconds=None, offenders=tmp_path)
     assert tally.count == 40
     ((kind, where), numbers) = next(iter(tally.faults.items()))
     assert (kind, where) == ("traceback", "ZeroDivisionError in test_harness.py:attempt")
@@ -117,3 +119,13 @@ def test_the_generator_alone_decides_on_damage():
     assert damaged_bytes(random.Random(1), b"") == b""
     found = with_extreme_number(random.Random(1), b"length_mm = 383.0 # mm")
     assert found.removeprefix(b"length_mm = ").removesuffix(b" # mm").decode() in EXTREMES
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_damage_is_the_generators_and_no_input_is_made_often(name):
+    target = ALL[name]
+    seeds = target.seeds()[:8]
+    inputs = [made_input(target, seeds, 1, number) for number in range(60)]
+    assert len(set(inputs)) > 40
+    if name not in ("mat", "mat73", "hdf5", "posterior"):  # whose writers put the time into a file
+        assert inputs == [made_input(target, seeds, 1, number) for number in range(60)]

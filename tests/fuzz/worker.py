@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from jointbayes.errors import JointBayesError
-from tests.fuzz.target import Target
+from tests.fuzz.targets import Target
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,9 @@ class Verdict:
 
 
 def load_target(place: str) -> Target:
-    """The target at ``module:NAME``, or at ``module:NAME:number`` of a list."""
-    module, name, *number = place.split(":")
-    found = getattr(importlib.import_module(module), name)
-    return found[int(number[0])] if number else found
+    """The target at ``module:name``, of the `TARGETS` of a module."""
+    module, name = place.split(":")
+    return importlib.import_module(module).TARGETS[name]
 
 
 def computing_seconds() -> float:

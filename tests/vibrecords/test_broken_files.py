@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmarks.written_files import FORMATS, write_records
 
-from tests.fuzz.mutations import damaged_bytes
+from tests.fuzz.damage import damaged_bytes
 from tests.vibrecords.broken_files import MAKERS
 from tests.vibrecords.made_files import function_58
 from tests.vibrecords.reading import refusal

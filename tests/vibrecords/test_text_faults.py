@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from tests.fuzz.mutations import damaged_bytes
+from tests.fuzz.damage import damaged_bytes
 from tests.vibrecords.reading import refusal
 from tests.vibrecords.test_labview_layouts import NONE, clock, head, lvm, tdms, xlsx
 from tests.vibrecords.test_text_layouts import G2, A, B, C, F, G, H, M, P, T, read, rows

@@ -161,3 +161,34 @@ def write_matlab_73(path, **arrays):
 def write_matlab_5(path, **arrays):
     savemat(path, arrays, do_compression=True)
     return path
+
+
+def write_all(place):
+    """Files of the frame in the formats of every program, in a directory."""
+    import pandas as pd
+    from pyyeti.nastran import bulk, op4
+    from scipy import io
+
+    np.savez(place / "a.npz", K=K, M=M, dofs=DOFS, nodes=NODES, xyz=PLACES)
+    sparse.save_npz(place / "b.npz", sparse.csc_array(K))
+    write_matlab_5(place / "a.mat", K=sparse.csc_array(K), M=M, dofs=DOFS)
+    write_matlab_73(place / "b.mat", K=sparse.csc_array(K), M=M, dofs=DOFS)
+    op4.write(str(place / "a.op4"), {"kaa": K, "maa": M}, binary=True, sparse="bigmat")
+    op4.write(str(place / "b.op4"), {"kaa": K, "maa": M}, binary=False, sparse="nonbigmat")
+    op4.write(str(place / "c.op4"), {"kaa": K, "maa": M}, binary=True, sparse="dense")
+    index = pd.MultiIndex.from_tuples(list(map(tuple, DOFS.tolist())))
+    frames = {name: pd.DataFrame(matrix, index=index, columns=index) for name, matrix in (("KAAX", K), ("MAAX", M))}
+    bulk.wtdmig(str(place / "a.pch"), frames)
+    io.mmwrite(place / "array.mtx", K, symmetry="symmetric")
+    write_matrix_market(place / "a.mtx", K)
+    write_harwell_boeing(place / "a.matrix", K)
+    write_abaqus(place / "b.mtx", K)
+    write_calculix(place / "a.sti", K)
+    for write, name in (
+        (write_dof, "a.dof"),
+        (write_mapping, "a.mapping"),
+        (write_map, "a.map"),
+        (write_places, "a.xyz"),
+    ):
+        write(place / name)
+    return sorted(path for path in place.iterdir() if path.is_file())

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from tests.fuzz.mutations import damaged_bytes
-from tests.fuzz.targets.structure import StructureTarget
+from tests.fuzz.damage import damaged_bytes
+from tests.fuzz.targets import StructureTarget
 from tests.structure.imported import small_frame as small
 
 TARGET = StructureTarget()
