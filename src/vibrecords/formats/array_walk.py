@@ -824,8 +824,9 @@ def _keys_to_paste(block: Block) -> str:
         return _paste(block, **key) + ("" if rate else f", {RATE_KEY}") if key else ""
     # 3. modes with their damping; over lines, or over instants
     if damping := [path for path in others if "damp" in path.lower()]:
-        shapes = {"mode_shapes": n for n in arrays if re.fullmatch(_MODES["phi"][1], n, re.IGNORECASE)}
-        return _paste(block, mode_frequencies_hz=axis, damping_ratios=damping[0], **shapes)
+        keys = {"mode_frequencies_hz": axis, "damping_ratios": damping[0]}
+        shapes = [n for n in arrays if re.fullmatch(_MODES["phi"][1], n, re.IGNORECASE)]
+        return _paste(block, **keys, **dict(zip(["mode_shapes"], shapes, strict=False)))
     if not roles[axis] and {roles[path] for path in others} & values:
         return _paste(block, frequency_hz=axis)
     if frfs := [path for path in unknown if is_complex(vectors[path])]:
