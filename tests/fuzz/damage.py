@@ -151,7 +151,7 @@ def damaged_npz(rng: random.Random, content: bytes, other: bytes = b"") -> bytes
         out = io.BytesIO()
         with zipfile.ZipFile(out, "w", rng.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED))) as archive:
             for each, whole in members.items():
-                archive.writestr(each, whole)
+                archive.writestr(zipfile.ZipInfo(each), whole, archive.compression)
         return out.getvalue() if rng.random() < 0.8 else damaged_bytes(rng, out.getvalue())
     return damaged_bytes(rng, content)
 

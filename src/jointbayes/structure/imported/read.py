@@ -176,7 +176,7 @@ def _in_basic_system(
 
 def _rounding(values: Array) -> float:
     """Return the relative rounding of numbers as a file has them: half of the last of 10 to 15 digits, or 0."""
-    values = np.abs(values[values != 0][:10_000])
+    values = np.abs(values[np.abs(values) > 1e-280][:10_000])  # of smaller ones the last digit is below all numbers
     tens = np.floor(np.log10(values))
     for digits in range(10, 16):
         unit = 10.0 ** (tens + 1 - digits)
