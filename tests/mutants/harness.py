@@ -101,7 +101,8 @@ def rooms_of(mutants: Iterable[Mutant]) -> dict[str, Mutant]:
 def fingerprint(root: Path) -> str:
     """Of all code of a tree: outcomes of another are not taken for those of this one."""
     digest = hashlib.sha256()
-    for path in sorted(path for part in ("src", "tests") for path in (root / part).rglob("*.py")):
+    code = [path for part in ("src", "tests") for kind in ("py", "toml") for path in (root / part).rglob(f"*.{kind}")]
+    for path in sorted(code):
         digest.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 

@@ -4,9 +4,14 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-NAMES: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+NAMES: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def words_of(table: str) -> dict[str, frozenset[str]]:
     """Words of each key of a table."""
     return {key: frozenset(text.split()) for key, text in NAMES[table].items()}
+
+
+def factors_of(table: dict[str, float]) -> dict[str, float]:
+    """Factor of each name, of which several may stand in one key."""
+    return {name: factor for names, factor in table.items() for name in names.split()}

@@ -1,6 +1,5 @@
 """Unit labels such as ``g/N``, ``(mm/s²)/lbf`` or ``1/kg`` to a factor to SI and what they measure."""
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,50 +10,21 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError
-from vibrecords.formats.names import NAMES
+from vibrecords.formats.names import NAMES, factors_of
 
 Q = TypeVar("Q")
 
-#: Standard acceleration of gravity, m/s² (exact).
-G_STANDARD = 9.80665
-_LBF = 4.4482216152605
-
 #: Units of time and their factors to s.
-TIME_S: dict[str, float] = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs"), 1e-6),
-}
-
+TIME_S = factors_of(NAMES["seconds"])
+#: Factor to Hz of the units of a frequency axis, in small letters; a blank is an underscore in the table.
+FREQUENCY_HZ = {name.replace("_", " "): factor for name, factor in factors_of(NAMES["hertz"]).items()}
 Powers = tuple[int, ...]
-_FORCE, _ACCELERATION, _LENGTH, _SECONDS = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 1, 0)
-_NOTHING, _VOLT = (0, 0, 0, 0), (0, 0, 0, 1)
-#: Factor to SI of names of one unit, by what they measure. ``g`` is gravity: no analyser weighs in grams.
-_UNITS: tuple[tuple[Powers, dict[str, float]], ...] = (
-    (_NOTHING, {"1 rad": 1.0}),
-    (_LENGTH, {"m meter meters metre metres": 1.0, "cm": 1e-2, "mm": 1e-3, "um micron microns": 1e-6, "nm": 1e-9}),
-    (_LENGTH, {"in inch inches": 0.0254, "mil mils": 2.54e-5, "ft feet": 0.3048}),
-    (_SECONDS, {"s sec second seconds": 1.0, "ms": 1e-3}),
-    ((1, 0, -1, 0), {"ips": 0.0254}),
-    ((0, 1, 0, 0), {"kg": 1.0}),
-    (_FORCE, {"N newton newtons": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "dyn": 1e-5}),
-    (_FORCE, {"lbf lb lbs pound pounds": _LBF, "kgf kp": G_STANDARD}),
-    (_ACCELERATION, {"g G gn g0 gs": G_STANDARD}),
-    ((2, 1, -2, 0), {"Nm": 1.0}),
-    ((-1, 1, -2, 0), {"Pa": 1.0, "kPa": 1e3}),
-    (_VOLT, {"V volt volts": 1.0, "mV": 1e-3}),
-    ((0, 0, -1, 0), {"Hz": 1.0}),
-)
+_FORCE, _ACCELERATION, _LENGTH, _NOTHING = (1, 1, -2, 0), (1, 0, -2, 0), (1, 0, 0, 0), (0, 0, 0, 0)
 #: Factor to SI and powers of metre, kilogram, second and volt.
 ATOMS: dict[str, tuple[float, Powers]] = {
-    name: (factor, powers) for powers, units in _UNITS for names, factor in units.items() for name in names.split()
-}
-#: Factor to Hz of the units of a frequency axis, in small letters.
-FREQUENCY_HZ: dict[str, float] = {
-    **dict.fromkeys(("hz", "hertz", "cps", "1/s", "s^-1"), 1.0),
-    "khz": 1e3,
-    **dict.fromkeys(("rpm", "cpm"), 1 / 60),
-    **dict.fromkeys(("rad/s", "rad/sec", "rads/s", "rad s^-1", "rad.s-1"), 0.5 / math.pi),
+    name: (factor, tuple(unit["powers"]))
+    for unit in NAMES["units"]
+    for name, factor in factors_of(unit["factors"]).items()
 }
 _SUPERSCRIPTS = str.maketrans(
     {"²": "^2", "³": "^3", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "[": "(", "]": ")", "’": "'"}
