@@ -69,7 +69,7 @@ def test_the_pages_quote_the_record_at_all():
     assert len(marked["what-now.md"]) >= 3
     kinds = {page.name: re.findall(r"<!--numbers (\w+)", page.read_text("utf-8")) for page in quoted.pages()}
     blocks = {(page, kind) for page, each in kinds.items() for kind in each}
-    assert {("lapped-beams.md", "run"), ("lapped-beams.md", "verdicts"), ("cases.md", "cases"),
+    assert {("frames.md", "run"), ("lapped-beams.md", "verdicts"), ("cases.md", "cases"),
             ("identifiability.md", "intervals")} <= (blocks)  # fmt: skip
     assert {("comparison.md", "compare"), ("method.md", "identify"), ("campaigns.md", "check")} <= blocks
 
@@ -78,8 +78,8 @@ def test_a_changed_number_in_a_page_is_noticed(record):
     readme = quoted.pages()[0].read_text(encoding="utf-8")
     found = quoted.INLINE.search(readme)
     assert quoted.written(readme[: found.start(3)] + "9" + readme[found.start(3) :], record) == readme
-    page = (numbers.ROOT / "docs" / "examples" / "lapped-beams.md").read_text(encoding="utf-8")
-    terminal = page.replace("bolt.ky: ", "bolt.ky: 1", 1)
+    page = (numbers.ROOT / "docs" / "examples" / "frames.md").read_text(encoding="utf-8")
+    terminal = page.replace("first.kx: ", "first.kx: 1", 1)
     assert terminal != page
     assert quoted.written(terminal, record) == page
 
