@@ -35,6 +35,7 @@ def asked(tmp_path_factory):
         return example.main(tmp_path_factory.mktemp("asked") / "corner.png", settings=QUICK)
 
 
+@pytest.mark.science
 def test_a_first_posterior_from_arrays_finds_the_truth_with_five_names(asked):
     text = (CONFIGS.parent / "examples" / "five_questions.py").read_text(encoding="utf-8")
     first = text[text.index("def measured") : text.index("def ask_arviz")] + "jb.sample("
@@ -43,6 +44,7 @@ def test_a_first_posterior_from_arrays_finds_the_truth_with_five_names(asked):
     assert low < TRUTH[2] < high
 
 
+@pytest.mark.science
 def test_arviz_corner_and_pandas_take_draws_by_name(asked):
     posterior, table, loo = asked["posterior"], asked["table"], asked["loo"]
     assert list(table.index) == list(posterior) == ["k11", "k12", "k22"]
@@ -52,15 +54,18 @@ def test_arviz_corner_and_pandas_take_draws_by_name(asked):
     assert asked["described"].loc[["2.5%", "97.5%"], "k22"].tolist() == pytest.approx(posterior.interval("k22"))
 
 
+@pytest.mark.science
 def test_a_noise_model_of_ones_own_widens_as_it_says(asked):
     widths = [np.diff(np.log(asked[name].interval("k22")))[0] for name in ("posterior", "coarse")]
     assert widths[1] / widths[0] == pytest.approx(3.0, rel=0.15)
 
 
+@pytest.mark.science
 def test_a_body_of_all_modes_of_two_matrices_is_that_structure(asked):
     np.testing.assert_allclose(asked["by_modes"].values, jb.find_map(asked["posterior"].problem).values, rtol=1e-4)
 
 
+@pytest.mark.science
 def test_a_nested_sampler_of_ones_own_finds_the_evidence(asked):
     problem, (found, error) = asked["few"], asked["evidence"]
     grid = (np.arange(200) + 0.5) / 200

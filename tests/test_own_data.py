@@ -166,6 +166,7 @@ def test_data_without_a_likelihood_are_refused(problem):
         likelihood_of.dispatch(Data)(problem.test.data, problem.test)
 
 
+@pytest.mark.docs
 def test_nothing_asks_which_kind_of_data_or_of_their_table_it_is():
     tables = ("SyntheticFrf", "NaturalFrequencies", "Modes", "Measured", "MeasuredFrf", "MeasuredFrequencies")
     kinds = {"FrfData", "FrequencyData", "ModalData", "ModeData", *(f"{table}Spec" for table in tables)}

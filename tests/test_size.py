@@ -8,6 +8,8 @@ from benchmarks.size import ROOT, longest_functions, sizes
 
 from tests.chains import imports, longest_chain, rooms
 
+pytestmark = pytest.mark.docs
+
 SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.

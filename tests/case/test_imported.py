@@ -76,6 +76,7 @@ def test_it_is_the_problem_of_its_matrices(home):
     np.testing.assert_allclose(found[finite], exact[finite], rtol=1e-6, atol=1e-3)
 
 
+@pytest.mark.science
 def test_the_model_is_factorised_once_whatever_case_plan_and_report_ask(home, counted, tmp_path):
     jb.write_report(jb.sample(jb.load_case(home / "case.toml"), seed=1, settings=FEW_STEPS), tmp_path / "report")
     jb.load_case(home / "case.toml")

@@ -40,11 +40,13 @@ def below_a_climb(problem, estimate, case=None):
     return refine(answered.log_posterior, start)[1] - jb.find_map(answered, seed=1).log_posterior
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("seed", first_in_ci(BRACKETS, 1))
 def test_the_mode_of_a_brackets_modes_is_not_below_a_climb_from_the_map_of_its_frfs(seed):
     assert below_a_climb(*bracket(seed)) < MOST_BELOW
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("seed", first_in_ci(range(4, 24), 1))
 def test_the_mode_of_a_frames_modes_is_not_below_a_climb_from_the_map_of_its_frfs(seed):
     problem = Frame(seed).problem()

@@ -64,6 +64,7 @@ def asked():
     )
 
 
+@pytest.mark.science
 def test_modes_of_a_soft_joint_take_no_eigen_solution_for_each_draw(asked, counted):
     draws = asked.prior.sample(np.random.default_rng(1), 300)
     assert np.isfinite(asked.log_posterior(draws)).all()
