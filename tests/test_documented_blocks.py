@@ -58,7 +58,6 @@ BRACKET = (
     f'structure = {{ {STEEL}, directions = ["x", "y", "rz"], section = {{ shape = "circle", diameter_mm = 20.0 }}, '
     f"points = {{ tip = [0, 0, 0], end = [400, 0, 0] }} }}\n{MODE}"
 )
-TIE = 'data = { kind = "natural_frequencies", frequencies_hz = [27.0, 64.6, 118.6], sd_relative = 0.001 }\n'
 #: What stands around a block that is a part of a case; of others the case that `init` writes.
 AROUND = {
     "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
@@ -67,7 +66,6 @@ AROUND = {
     "frames-1": 'extends = "portal_frame.toml"\n',
     "case-file-2": 'joint = { dofs = ["foot:x"], kind = "springs" }\n' + MODE,
     "case-file-3": FRAME,
-    "case-file-4": TIE,
     "case-file-5": BRACKET,
     "imported-2": part_of("imported-1"),
     "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
