@@ -1,7 +1,6 @@
 """The benchmarks compare like with like, and write what they measured."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from benchmarks import (
     record,
     timing,
 )
-from benchmarks.peer_samplers import StretchRun, kish, log_likelihood_on_box, prior_transform, stretch_run
-from benchmarks.samplers import emcee_rows, extrapolated, row
+from benchmarks.peer_samplers import stretch_run
 
 from jointbayes.inference import LogPosterior
 from tests.one_line import says
@@ -84,26 +82,6 @@ def test_off_the_cone_the_jax_density_is_zero_and_its_gradient_finite(quick):
     assert np.isfinite(gradient).all()
 
 
-def test_nested_samplers_see_the_likelihood_on_the_box_of_the_prior(quick):
-    problem = quick["modal"].problem
-    theta, matrices = cases.joints(quick["modal"], 2)
-    off_the_cone = np.log([[2e6, 9e9, 2e3]])
-    found = log_likelihood_on_box(problem)(np.concatenate([theta, off_the_cone]))
-    np.testing.assert_allclose(found[:2], problem.log_posterior.likelihood.log_likelihood(matrices), rtol=1e-12)
-    assert found[2] == -np.inf
-    low, high = problem.prior.support
-    np.testing.assert_allclose(
-        prior_transform(problem)(np.array([0.0, 0.5, 1.0])), [low[0], sum((low[1], high[1])) / 2, high[2]]
-    )
-
-
-def test_a_case_at_other_lines_is_the_case_otherwise():
-    short = cases.case_with_lines("loss_factor", f_min_hz=2.0, f_step_hz=50.0)
-    lines = short.problem.test.data.frf.frequency_hz
-    assert (lines[0], lines[1], lines.size) == (2.0, 52.0, 50)
-    assert short.reference.tolist() == cases.quick_case("modal").reference.tolist()
-
-
 def test_the_effective_samples_of_the_stretch_move_are_those_of_a_gaussian_known_to_be_easy():
     rng = np.random.default_rng(1)
     run = stretch_run(lambda x: -0.5 * (x**2).sum(axis=-1), rng.normal(size=(32, 3)), 0.7, 1)
@@ -113,29 +91,6 @@ def test_the_effective_samples_of_the_stretch_move_are_those_of_a_gaussian_known
     np.testing.assert_allclose(run.sd, 1.0, atol=5 / np.sqrt(run.ess))
 
 
-def made_up_run():
-    theta = np.random.default_rng(1).normal(size=(1000, 3))
-    return StretchRun(
-        theta, 100.0, 40_000, 10.0, start_up_seconds=2.0, tau=40.0, walkers=8, burn_in=200, overhead_per_step=1e-3
-    )
-
-
-def test_an_extrapolated_row_states_the_time_of_the_same_steps_at_another_price():
-    run = made_up_run()
-    slow = extrapolated(run, 1000.0, "slow")
-    # 100 effective samples of 8 walkers with τ = 40 are 500 steps, each 8 evaluations of 1 ms and 1 ms of emcee
-    assert (slow.seconds, slow.start_up_seconds) == (pytest.approx(500 * 9e-3), pytest.approx(200 * 9e-3))
-    found = row("slow", slow, run, 1000.0, 3.0, extrapolate=True)
-    assert found["seconds_to_wanted"] == pytest.approx(3.0 + 200 * 9e-3 + 2000 * 4.5 / 100)
-    assert (found["mean_difference"], found["sd_ratio"], found["extrapolated"]) == (0.0, 1.0, True)
-
-
-def test_a_run_that_had_half_of_a_processor_took_half_of_the_time_of_one():
-    run = replace(made_up_run(), cpu_share=0.5)
-    found = row("half", run, run, 1000.0, 3.0)
-    assert found["cpu_to_wanted"] == pytest.approx(found["seconds_to_wanted"] / 2)
-
-
 def test_what_is_called_jointbayes_is_the_public_density(quick, monkeypatch):
     asked = []
     monkeypatch.setattr(LogPosterior, "__call__", lambda _, theta: asked.append(len(theta)))
@@ -143,27 +98,6 @@ def test_what_is_called_jointbayes_is_the_public_density(quick, monkeypatch):
     for name in ("jointbayes", "jointbayes, one joint"):
         entries[name].run()
     assert asked == [8, 1]
-
-
-def test_a_sampler_that_misses_part_of_the_posterior_is_called_out():
-    reference, narrow = made_up_run(), made_up_run()
-    narrow.theta = narrow.theta * [1.0, 1.0, 0.7]
-    found = row("narrow", narrow, reference, 1.0, 0.0)
-    assert found["sd_ratio"] == pytest.approx(0.7)
-    assert "its spread is 0.70 of the reference's" in found["note"]
-    assert "spread" not in row("same", reference, reference, 1.0, 0.0)["note"]
-
-
-def test_kish_counts_equal_weights_in_full():
-    assert (kish(np.full(7, 0.3)), kish(np.array([1.0, 0.0, 0.0]))) == (pytest.approx(7), pytest.approx(1))
-
-
-@pytest.mark.parametrize(("value", "text"), [
-    *((0.00412, "0.00412"), (0.0512, "0.0512"), (0.999, "0.999"), (0.9999, "1.00"), (0.0, "0.000"), (3.14159, "3.14")),
-    *((42.0, "42.0"), (123.4, "123"), (99_960.0, "100000"), (1.3e9, "1.30e+09"), (2e-7, "2.00e-07"), (None, "–")),
-])  # fmt: skip
-def test_figures_are_written_with_three_digits(value, text):
-    assert page.number(value) == text
 
 
 def test_timings_slopes_and_memory():
@@ -189,16 +123,6 @@ def test_the_likelihood_benchmark_runs_and_writes_nothing_it_is_not_asked_to(tmp
     says(printed, "| jointbayes |", "jointbayes, joint of 6 DOFs, modal", "jointbayes, joint of 12 DOFs, loss_factor")
     assert "| jointbayes, likelihood of joint matrices alone |" in printed
     assert not list(tmp_path.iterdir())
-
-
-def test_emcee_is_run_on_our_likelihood_and_extrapolated_for_slow_ones(quick):
-    theta, _ = cases.joints(quick["modal"], 32)
-    rows = emcee_rows(quick["modal"], "modal", made_up_run(), (theta, 1.0), quick=True)
-    assert [r["extrapolated"] for r in rows] == [True, True, True, False]
-    slow, *_, ours = rows
-    assert slow["us_per_likelihood"] > ours["us_per_likelihood"]
-    assert slow["ess_per_second"] < ours["ess_per_second"]
-    assert "does not apply" in rows[2]["note"]
 
 
 def test_readme_and_page_carry_what_was_measured():

@@ -5,7 +5,6 @@ import importlib
 import re
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -18,8 +17,7 @@ import jointbayes as jb
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.cli.commands import main
 from jointbayes.joint import COORDINATES
-from jointbayes.posterior import Posterior, package_versions, summarise
-from jointbayes.report import contents
+from jointbayes.posterior import Posterior, summarise
 from tests.conftest import CONFIGS, TABLE_3, edited, shipped_text
 from tests.pages import DOCS, PAGES, README, ROOT, fenced, prose, text_of
 from tests.report.conftest import posterior_about
@@ -156,16 +154,6 @@ def test_every_public_name_has_its_place_in_the_api_pages():
     assert sorted(shown) == sorted([*jb.__all__, *jb._MOVED])
 
 
-def test_what_the_api_page_describes_is_of_the_package_or_of_the_module_that_it_names():
-    text = _api()
-    described = {line.rpartition(".")[2] for line in re.findall(r"^::: (\S+)$", text, re.MULTILINE)}
-    elsewhere = {}
-    for names, room in re.findall(r"^\| (`.*) \| `((?:jointbayes|vibrecords)\S*)` \|$", text, re.MULTILINE):
-        elsewhere |= dict.fromkeys(re.findall(r"`(\w+)`", names), room)
-    assert described - set(jb.__all__) == set(elsewhere)
-    assert [name for name, room in elsewhere.items() if not hasattr(import_module(room), name)] == []
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_case_file_named_exists(page):
     text = text_of(page)
@@ -225,20 +213,6 @@ def test_the_page_on_exit_codes_has_those_of_the_command_line():
     assert f"| {cli.NOT_CONVERGED} | the sampler has not converged" in page
 
 
-def test_the_versions_of_a_run_name_every_dependency_that_computes_or_draws():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    needed = {re.split(r"[<>=]", requirement)[0] for requirement in project["dependencies"]}
-    silent = {"threadpoolctl", "h5netcdf", "h5py", "pydantic", "typing-extensions", "click", "jinja2", "pandas"}
-    assert package_versions().keys() == needed - silent | {"python", "jointbayes"}
-
-
-def test_the_readme_is_one_screen_with_a_picture_and_leads_on():
-    text = README.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 60
-    assert text.count("![") == 1
-    assert len(re.findall(r"\]\(docs/[\w/-]+\.md", text)) >= 12
-
-
 def test_pages_are_few_and_short():
     # the bars of tables are no words
     counted = {page.name: len(page.read_text(encoding="utf-8").replace("|", " ").split()) for page in PAGES}
@@ -255,27 +229,6 @@ def test_the_page_made_from_the_command_line_has_every_command_and_option():
     for name, command in main.commands.items():
         options = {option for parameter in command.params for option in parameter.opts if option.startswith("--")}
         assert [option for option in options if f"`{option}" not in sections[name] + of_every] == [], name
-
-
-def test_the_gallery_shows_a_small_picture_of_each_report_that_it_names():
-    text = text_of("gallery.md")
-    shown = re.findall(r"\(figures/gallery/(\w+)\.png\)", text)
-    pictures = {path.stem: path for path in (DOCS / "figures" / "gallery").iterdir()}
-    assert len(shown) == text.count("![") == 9
-    assert set(pictures) == set(shown)
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures.values())
-    assert sum(path.stat().st_size for path in pictures.values()) < 1_000_000
-
-
-def test_the_page_on_the_report_has_its_pages_in_their_order():
-    headings = [heading for heading, _ in _sections(DOCS / "gallery.md")]
-    assert headings == ["Page one", *(title for _, title, *_ in contents.PAGES), "Appendix", "Gallery"]
-
-
-def test_the_first_case_that_is_shown_says_what_has_no_default_and_no_more():
-    written = (ROOT / "src" / "jointbayes" / "cli" / "minimal.toml").read_text(encoding="utf-8")
-    lines = [line for line in written.splitlines() if line and not line.startswith("#")]
-    assert 10 <= len(lines) <= 15
 
 
 def test_the_list_of_cases_has_every_case_of_the_repository():

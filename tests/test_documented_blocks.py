@@ -20,7 +20,6 @@ from jointbayes.case.case_text import read_case_text, without_key
 from jointbayes.case.parse import parse_tests
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
-from tests.conftest import cli
 from tests.pages import ROOT
 
 pytestmark = pytest.mark.docs
@@ -28,7 +27,6 @@ pytestmark = pytest.mark.docs
 PAGES = quoted.pages()
 #: A block; those with a mark before them belong to a walk-through, which runs them, or show a file.
 BLOCK = re.compile(r"^(<!--(?:numbers file .*|\w+)-->\n)?( *)```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
-KINDS = {"bash", "console", "diff", "python", "text", "toml"}
 
 
 def blocks(*kinds):
@@ -156,31 +154,6 @@ def test_every_prompt_in_a_block_of_text_is_a_command_that_there_is():
     assert [(words, fault) for words in shown if (fault := fault_of(words))] == []
 
 
-@pytest.mark.parametrize("line", [
-    "jointbayes rum a.toml", "jointbayes run --sed 1 a.toml", "jointbayes run", "make reports",
-    "python -m benchmarks.no", "rm -rf .",
-])  # fmt: skip
-def test_a_command_that_there_is_not_is_noticed(line):
-    assert fault_of(line.split())
-
-
-def test_every_block_says_what_it_is():
-    found = {(page.name, kind) for page in PAGES for _, _, kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))}
-    assert {(name, kind) for name, kind in found if kind not in KINDS} == set()
-
-
-def test_what_the_pages_show_of_a_first_file_can_be_done_in_their_order(tmp_path, monkeypatch):
-    (tmp_path / "tip.uff").symlink_to(ROOT / "configs" / "data" / "virtual_test.uff")
-    monkeypatch.chdir(tmp_path)
-    for line, left in (
-        ("inspect tip.uff --figure tip.svg", "tip.svg"),
-        ("init --from tip.uff", "my_case.toml"),
-    ):
-        ended = cli(*line.split())
-        assert ended.exit_code == 0, ended.output
-        assert Path(left).is_file()
-
-
 def test_the_rule_of_the_page_on_ci_reads_a_summary(tmp_path, monkeypatch):
     words = [
         words for block in blocks("bash") for words in shell_lines(block.values[0]) if words[:2] == ["python", "-c"]
@@ -193,12 +166,3 @@ def test_the_rule_of_the_page_on_ci_reads_a_summary(tmp_path, monkeypatch):
         Path("build/clamp/summary.json").write_text(json.dumps(summary), encoding="utf-8")
         with nullcontext() if explains else pytest.raises(AssertionError):
             exec(rule, {})
-
-
-def test_what_takes_the_output_of_a_command_is_no_part_of_it():
-    assert split("jointbayes run a.toml --seed 1 | jq . && cat a > b  # so") == [
-        ["jointbayes", "run", "a.toml", "--seed", "1"],
-        ["cat", "a"],
-    ]
-    assert fault_of(shlex.split('eval "$(_JOINTBAYES_COMPLETE=zsh_source jointbayes)"')) == ""
-    assert fault_of(["eval", "rm -rf ."])
