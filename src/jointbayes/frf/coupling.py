@@ -187,9 +187,21 @@ class LowRankCoupling:
     ) -> tuple[ComplexArray, ComplexArray]:
         """Receptance and its derivative along changes of one joint matrix, see `AssembledModes`."""
         joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
-        if joint.damped:
-            return self._damped_tangent(joint, changes, factor_rows)
-        return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
+        if not joint.damped:
+            return (self._known or self._coupling_at(factor_rows[0])).tangent(joint.stiffness, changes.stiffness)
+        (value,), (motion,) = add_joint(joint.batch, self.omega, self.free(factor_rows), self.along, self.n_out)
+        # dH = −δ_oᵀ dD δ_i of the joint's motions δ, (r, lines, ports)
+        delta = np.moveaxis(motion, 1, 0)
+        at_outputs, at_inputs = delta[..., : self.n_out], delta[..., self.n_out :]
+        slopes = np.empty((len(changes), *value.shape), dtype=complex)
+        for i, slope in enumerate(slopes):  # of several joints each changes few rows
+            change = changes[i]
+            rows = np.flatnonzero(change.linked.any(axis=1))
+            k, c, h = change[np.ix_(rows, rows)].sides
+            dynamic = (k + 1j * h)[..., None] + 1j * c[..., None] * self.omega
+            moved = np.einsum("pql,qli->pli", dynamic, at_inputs[rows])
+            slope[:] = -np.einsum("plo,pli->loi", at_outputs[rows], moved)
+        return value, slopes
 
     def misfit(self, measured: ComplexArray, weight: Array) -> "Misfit":
         """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
@@ -209,23 +221,6 @@ class LowRankCoupling:
                 add_joint(matrices[batch], self.omega, self.free(factor_rows[batch]), self.along, self.n_out)[0]
             )
         return np.concatenate(receptances)
-
-    def _damped_tangent(
-        self, matrix: JointMatrix, directions: JointMatrix, factors: Array
-    ) -> tuple[ComplexArray, ComplexArray]:
-        (value,), (motion,) = add_joint(matrix.batch, self.omega, self.free(factors), self.along, self.n_out)
-        # dH = −δ_oᵀ dD δ_i of the joint's motions δ, (r, lines, ports)
-        delta = np.moveaxis(motion, 1, 0)
-        at_outputs, at_inputs = delta[..., : self.n_out], delta[..., self.n_out :]
-        slopes = np.empty((len(directions), *value.shape), dtype=complex)
-        for i, slope in enumerate(slopes):  # of several joints each changes few rows
-            change = directions[i]
-            rows = np.flatnonzero(change.linked.any(axis=1))
-            k, c, h = change[np.ix_(rows, rows)].sides
-            dynamic = (k + 1j * h)[..., None] + 1j * c[..., None] * self.omega
-            moved = np.einsum("pql,qli->pli", dynamic, at_inputs[rows])
-            slope[:] = -np.einsum("plo,pli->loi", at_outputs[rows], moved)
-        return value, slopes
 
     def _coupling(self, free: ComplexArray) -> _Coupling:
         return (PairCoupling if len(self.along) <= 2 else MultiDofCoupling)(free, self.along, self.n_out)

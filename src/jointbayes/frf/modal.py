@@ -328,13 +328,6 @@ class AssembledModes:
         """Modal sum between the joint's motions and the ports'."""
         return ModalSum(self._omega, sum(self._along.shape))
 
-    def _damped_tangent(
-        self, matrix: JointMatrix, directions: JointMatrix, factors: ArrayLike | None
-    ) -> tuple[ComplexArray, ComplexArray]:
-        """By differences: with the stiffness the modes change, and with them the damping of the structure."""
-        up, down = (self._damped(matrix.moved(directions, step), factors) for step in (_STEP, -_STEP))
-        return self._damped(matrix.batch, factors)[0], (up - down) / (2 * _STEP)
-
     def misfit(self, measured: ComplexArray, weight: Array) -> "AssembledMisfit":
         """χ² against measured receptances (lines, outputs, inputs) with weights 1/σ, as a function of the joint."""
         return AssembledMisfit(self, measured, weight)
@@ -378,8 +371,9 @@ class AssembledModes:
         6(12), 2426-2429. DOI 10.2514/3.5008
         """
         joint, changes, factor_rows = joint_matrix_of(matrix), joint_matrix_of(directions), factors_batch(factors, 1)
-        if joint.damped:
-            return self._damped_tangent(joint, changes, factor_rows)
+        if joint.damped:  # by differences: with the stiffness the modes change, and with them the structure's damping
+            up, down = (self._damped(joint.moved(changes, step), factor_rows) for step in (_STEP, -_STEP))
+            return self._damped(joint.batch, factor_rows)[0], (up - down) / (2 * _STEP)
         lam, at_joint, at_outputs, at_inputs = self._modes_at(joint, factor_rows)
         change, same, turn = turned_modes(lam, at_joint, changes.stiffness)
         d_out, d_in = at_outputs @ turn, at_inputs @ turn

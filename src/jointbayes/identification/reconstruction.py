@@ -247,17 +247,11 @@ class _TestData:
         error = -((tolerance * self.size[:, None]) ** 2) * (spread.conj().swapaxes(-1, -2) @ weighed)
         force = np.linalg.solve(compliance[0] + self.free.jj, self.free.ji + softness[0] @ error)
         motion = self.free.ji - self.free.jj @ force
-        moved = self._moved(_product(along, compliance)[0], error, motion, self.prior.joint(theta))
-        slope = np.linalg.solve(root, moved.reshape(*root.shape[:2], -1)).reshape(-1, moved.shape[-1])
-        residual = residual.ravel()
-        return np.concatenate([residual.real, residual.imag]), np.concatenate([slope.real, slope.imag])
-
-    def _moved(self, along: ComplexArray, error: ComplexArray, motion: ComplexArray, joint: Array) -> ComplexArray:
-        """G de = A_oj (1 + D A_jj)⁻¹ (dK e + dD δ) by coordinates, shape (lines, outputs, inputs, count)."""
-        changes = self.prior.parametrisation.changes(joint)
+        # G de = A_oj (1 + D A_jj)⁻¹ (dK e + dD δ) by coordinates, shape (lines, outputs, inputs, count)
+        changes = self.prior.parametrisation.changes(self.prior.joint(theta))
         rows, columns = np.nonzero(changes.linked)  # of several joints each coordinate changes few entries
         k, c, h = (side[:, rows, columns].T for side in changes.sides)
-        outputs = along[:, :, None, rows]
+        outputs = _product(along, compliance)[0][:, :, None, rows]
 
         def at_entries(values: ComplexArray) -> ComplexArray:
             return outputs * values[:, columns].swapaxes(1, 2)[:, None]
@@ -266,7 +260,9 @@ class _TestData:
         if changes.damped:
             damped = at_entries(motion)
             moved = moved + 1j * (damped @ h) + 1j * self.omega[:, None, None, None] * (damped @ c)
-        return moved
+        slope = np.linalg.solve(root, moved.reshape(*root.shape[:2], -1)).reshape(-1, moved.shape[-1])
+        residual = residual.ravel()
+        return np.concatenate([residual.real, residual.imag]), np.concatenate([slope.real, slope.imag])
 
     def _softness(
         self, matrices: JointMatrix, rows: Indices | slice = slice(None)
@@ -388,7 +384,14 @@ class _Misfit:
         """End of a climb by damped Gauss-Newton steps, shape (count,), and its squares."""
         value, damping = float(self.value(x[None], tolerance)[0]), 0.01
         for _ in range(_STEPS if np.isfinite(value) else 0):
-            gradient, normal = self._normal_equations(x, tolerance)
+            theta = self.theta(x)
+            slope = np.where(self._springs, 1 / (x * (1 - x) + 1e-12), self._high - self._low)
+            gradient, normal = np.zeros(x.size), np.zeros((x.size, x.size))
+            for data in self._parts:
+                residual, jacobian = data.linearised(theta, tolerance)
+                jacobian = jacobian * slope
+                gradient += jacobian.T @ residual
+                normal += jacobian.T @ jacobian
             low, high = self._ends
             held = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
             gradient[held] = 0.0
@@ -408,14 +411,3 @@ class _Misfit:
             if gain < 1e-4 * value:
                 break
         return x, value
-
-    def _normal_equations(self, x: Array, tolerance: float) -> tuple[Array, Array]:
-        theta = self.theta(x)
-        slope = np.where(self._springs, 1 / (x * (1 - x) + 1e-12), self._high - self._low)
-        gradient, normal = np.zeros(x.size), np.zeros((x.size, x.size))
-        for data in self._parts:
-            residual, jacobian = data.linearised(theta, tolerance)
-            jacobian = jacobian * slope
-            gradient += jacobian.T @ residual
-            normal += jacobian.T @ jacobian
-        return gradient, normal

@@ -51,8 +51,16 @@ def with_common_errors(problem: Problem, theta: Array) -> Problem:
         assert isinstance(noise, ModelErrorNoise)
         of_clamp = [length for length, other in zip(overhangs, clamps, strict=True) if other == clamp]
         size = noise.sizes.edge * float(np.mean(of_clamp)) / overhang if overhang else 0.0
-        edges, springs = _edge(part, theta, size), _springs(part, noise, theta)
-        noises[id(part.test)] = replace(noise, edges=edges, springs=springs, clamp=clamp)
+        # what a change of the overhang by this fraction does to the residuals
+        prior, likelihood, length = part.prior, part.log_posterior.likelihood, _length_of(part)
+        edges = np.empty((likelihood.n_data, 0))
+        if length is not None and size:
+            steps = np.repeat(prior.factors(theta[None]), 2, axis=0)
+            steps[:, length] *= (1 + _STEP, 1 - _STEP)
+            longer, shorter = likelihood.standardised(prior.matrix(np.vstack([theta, theta])), steps)
+            of_length = (longer - shorter) / (2 * _STEP)
+            edges = (size * (of_length + _of_sensors_left_behind(part, theta)))[:, None]
+        noises[id(part.test)] = replace(noise, edges=edges, springs=_springs(part, noise, theta), clamp=clamp)
     tests, left_out = (
         tuple(replace(test, noise=noises.get(id(test), test.noise)) for test in some)
         for some in (problem.tests, problem.left_out)
@@ -84,18 +92,6 @@ def _overhang(test: Test) -> Array:
     along = offsets @ end / longest if longest else away
     is_straight = bool((np.abs(along - away) <= _STRAIGHT * longest).all())
     return end if is_straight and len(set(held)) == 1 else np.zeros(3)
-
-
-def _edge(part: Problem, theta: Array, size: float) -> Array:
-    """What a change of the overhang by this fraction does to the residuals, shape (m, 1); (m, 0) without a length."""
-    prior, likelihood, length = part.prior, part.log_posterior.likelihood, _length_of(part)
-    if length is None or not size:
-        return np.empty((likelihood.n_data, 0))
-    steps = np.repeat(prior.factors(theta[None]), 2, axis=0)
-    steps[:, length] *= (1 + _STEP, 1 - _STEP)
-    longer, shorter = likelihood.standardised(prior.matrix(np.vstack([theta, theta])), steps)
-    of_length = (longer - shorter) / (2 * _STEP)
-    return (size * (of_length + _of_sensors_left_behind(part, theta)))[:, None]
 
 
 def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
@@ -157,7 +153,19 @@ def _springs(part: Problem, noise: ModelErrorNoise, theta: Array) -> Array:
             held, last = held_at(test.joints, of[-1]), int(number)
             effect = _relative_effect(test, held, rigid, factors, places, last)[last - 1]
             change[row] = effect * noise.relative[row]
-    change += _mixtures(test, data, stiffness, factors, numbers, places)
+    # it mixes the modes: δφ = Σ φₛ φₛ(p) φ(p)/(λ − λₛ) over the other elastic ones
+    dofs, components = _components(data)
+    if components:
+        count = min(int(max(numbers)) + _MORE, test.most_modes)
+        modal = _modes_at(test, test.joints, count, (*dofs, *places), stiffness, factors)
+        squares, motions = (2 * np.pi * modal.frequency_hz[0]) ** 2, modal.shapes[0]
+    for row, place, dof, reference in components:
+        own = numbers[place] - 1
+        gap: Array = squares[own] - squares
+        share = np.divide(1.0, gap, out=np.zeros_like(gap), where=np.abs(gap) > _SAME * squares[own])
+        at_springs = motions[:, len(dofs) :]
+        moved = (share * motions[:, : len(dofs)].T) @ (at_springs * at_springs[own])
+        change[row] = _of_ratio(motions[own], moved, dof, reference) / data.sd[row]
     lowest = np.linalg.norm(free[min(numbers) - 1])
     return np.asarray(change / lowest) if lowest else change[:, :0]
 
@@ -186,29 +194,6 @@ def _relative_effect(
     """d ln f of the lowest modes per N/m of a spring at each place, shape (count, places), m/N."""
     modal = _modes_at(test, joints, count, places, stiffness, factors)
     return np.asarray(modal.shapes[0] ** 2 / (2 * (2 * np.pi * modal.frequency_hz[0, :, None]) ** 2))
-
-
-def _mixtures(
-    test: Test, data: ModalData, stiffness: Array, factors: Array, numbers: NDArray[np.intp], places: Sequence[str]
-) -> Array:
-    """What a spring of 1 N/m at each place does to residuals of shapes, shape (m, places); zero in all others.
-
-    It mixes the modes: δφ = Σ φₛ φₛ(p) φ(p)/(λ − λₛ) over the other elastic ones.
-    """
-    change, (dofs, components) = np.zeros((len(data.values), len(places))), _components(data)
-    if not components:
-        return change
-    count = min(int(max(numbers)) + _MORE, test.most_modes)
-    modal = _modes_at(test, test.joints, count, (*dofs, *places), stiffness, factors)
-    squares, motions = (2 * np.pi * modal.frequency_hz[0]) ** 2, modal.shapes[0]
-    for row, place, dof, reference in components:
-        own = numbers[place] - 1
-        gap: Array = squares[own] - squares
-        share = np.divide(1.0, gap, out=np.zeros_like(gap), where=np.abs(gap) > _SAME * squares[own])
-        at_springs = motions[:, len(dofs) :]
-        moved = (share * motions[:, : len(dofs)].T) @ (at_springs * at_springs[own])
-        change[row] = _of_ratio(motions[own], moved, dof, reference) / data.sd[row]
-    return change
 
 
 def _components(data: ModalData) -> tuple[tuple[str, ...], Sequence[tuple[int, int, int, int]]]:

@@ -48,12 +48,7 @@ class ComplexResidual:
         # each part by itself: a product of complex numbers costs more than twice that
         values.real *= self._weight
         values.imag *= self._weight
-        return _paired(values)
-
-
-def _paired(values: NDArray[Any]) -> NDArray[Any]:
-    """Outputs and inputs joined to pairs: shape (n, lines, outputs·inputs)."""
-    return values.reshape(*values.shape[:2], math.prod(values.shape[2:]))  # n may be 0: nothing of the joint yields
+        return values.reshape(*values.shape[:2], math.prod(values.shape[2:]))  # n may be 0: nothing of the joint yields
 
 
 #: Of the logarithm of a quantity, in differences.

@@ -48,7 +48,9 @@ def in_workshop(problem: Problem) -> Problem:
             if name not in kinds and not {name, prefixed(test.name, name)} & set(problem.exact):
                 of_test[nuisance.name] = stated.get(nuisance.name, nuisance)
         # 2. The structure with their ranges.
-        of_test = dict(sorted(of_test.items(), key=lambda item: _place(item[0])))
+        kinds_of = {name: "damping_ratio" if is_damping_ratio(name) else name for name in of_test}
+        order = {name: _ORDER.index(kind) if kind in _ORDER else len(_ORDER) for name, kind in kinds_of.items()}
+        of_test = {name: of_test[name] for name in sorted(of_test, key=order.__getitem__)}
         ranges: Mapping[str, tuple[float, float]] = {name: nuisance.range for name, nuisance in of_test.items()}
         bodies[id(test.structure)] = replace(body, ranges=ranges)
         # 3. The coordinates, each once; tests that state other values share a factor on them.
@@ -57,7 +59,14 @@ def in_workshop(problem: Problem) -> Problem:
             if (first.unit, first.nominal) != (nuisance.unit, nuisance.nominal):
                 nuisances[nuisance.name] = replace(first, unit="× stated", nominal=1.0)
     rest = [nuisance for name, nuisance in stated.items() if name not in nuisances]  # of the measurement and its noise
-    tests, left_out = (tuple(_freed(test, bodies) for test in some) for some in (problem.tests, problem.left_out))
+
+    def freed(test: Test) -> Test:
+        if (body := bodies.get(id(test.structure))) is None:
+            return test
+        whole = test.structure
+        return replace(test, structure=replace(whole, modelled=body) if isinstance(whole, Substructures) else body)
+
+    tests, left_out = (tuple(map(freed, some)) for some in (problem.tests, problem.left_out))
     prior = replace(problem.prior, nuisances=(*nuisances.values(), *rest))
     return replace(problem, tests=tests, left_out=left_out, prior=prior)
 
@@ -82,16 +91,3 @@ def _usual(test: Test, body: UncertainBody, largest: float) -> list[Nuisance]:
 def _damping_ratios(test: Test) -> tuple[float, ...]:
     law = getattr(test.structures, "recipe", test.structures).damping
     return law.ratios if isinstance(law, ModalDamping) else ()
-
-
-def _place(name: str) -> int:
-    """Place of a quantity of a structure among the coordinates."""
-    kind = "damping_ratio" if is_damping_ratio(name) else name
-    return _ORDER.index(kind) if kind in _ORDER else len(_ORDER)
-
-
-def _freed(test: Test, bodies: Mapping[int, UncertainBody]) -> Test:
-    if (body := bodies.get(id(test.structure))) is None:
-        return test
-    structure = test.structure
-    return replace(test, structure=replace(structure, modelled=body) if isinstance(structure, Substructures) else body)

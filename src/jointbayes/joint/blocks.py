@@ -1,18 +1,18 @@
 """Several joints as one parametrisation: their coordinates, stiffnesses and matrices side by side."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, permutations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
-from jointbayes.joint.parametrisation import CondensedCoordinates, Cone, Parametrisation
+from jointbayes.joint.parametrisation import Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
-from vibrecords.arrays import Array, Flags, Indices
+from jointbayes.joint.side_by_side import SideBySide
+from vibrecords.arrays import Array, Indices
 
 _ALL_ORDERS = 4  # joints of a kind, of which all orders are exchanges
 
@@ -43,7 +43,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Blocks(Parametrisation):
+class Blocks(SideBySide):
     """Product of parametrisations: θ, quantities and matrices one after the other, see `blocks_of`.
 
     Parameters
@@ -84,24 +84,9 @@ class Blocks(Parametrisation):
         return tuple(row + i for block in self.blocks for row in block.rows for i in block.parametrisation.held)
 
     @cached_property
-    def _parts(self) -> tuple[tuple[Parametrisation, slice, slice], ...]:
-        """Each block with its columns of θ and of the quantities."""
-        parts, t, k = [], 0, 0
-        for block in self.blocks:
-            joint = block.parametrisation
-            parts.append((joint, slice(t, t + len(joint.axes)), slice(k, k + len(joint.quantities))))
-            t, k = t + len(joint.axes), k + len(joint.quantities)
-        return tuple(parts)
-
-    @cached_property
-    def cones(self) -> tuple[Cone, ...]:
-        """Those of all."""
-        return tuple(cone.moved(t.start) for joint, t, _ in self._parts for cone in joint.cones)
-
-    @cached_property
-    def ridges(self) -> tuple[CondensedCoordinates, ...]:
-        """Those of all."""
-        return tuple(CondensedCoordinates(r.cone.moved(t.start)) for joint, t, _ in self._parts for r in joint.ridges)
+    def product_of(self) -> tuple[Parametrisation, ...]:
+        """The parametrisation of each block."""
+        return tuple(block.parametrisation for block in self.blocks)
 
     @property
     def exchanges(self) -> Indices:
@@ -112,7 +97,7 @@ class Blocks(Parametrisation):
         """
         kinds: dict[str, list[tuple[str, Parametrisation]]] = {}
         columns: dict[str, list[Indices]] = {}
-        for block, (parametrisation, t, _) in zip(self.blocks, self._parts, strict=True):
+        for block, (parametrisation, t, _) in zip(self.blocks, self.parts, strict=True):
             test, _, joint = block.name.rpartition(".")
             kinds.setdefault(joint, []).append((test, parametrisation))
             columns.setdefault(joint, []).append(np.arange(t.start, t.stop))
@@ -131,84 +116,16 @@ class Blocks(Parametrisation):
                 row[np.concatenate(columns[here])] = np.concatenate(columns[taken])
         return columns_after
 
-    def _each(
-        self, of: Callable[[Parametrisation, Array], ArrayLike], numbers: ArrayLike, are_values: bool
-    ) -> list[Array]:
-        """What a function gives of each block and its part of θ or of the quantities, shape (..., d) or (..., q)."""
-        array = np.asarray(numbers, dtype=float)
-        return [np.asarray(of(joint, array[..., k if are_values else t])) for joint, t, k in self._parts]
-
-    def _side_by_side(self, parts: Sequence[Array], numbers: ArrayLike) -> Array:
-        none = np.asarray(numbers, dtype=float)[..., :0]  # gives the shape where there are no parts
-        return np.concatenate([none, *parts], axis=-1)
-
-    def values(self, theta: ArrayLike) -> Array:
-        """Quantities, shape (..., q), from θ, shape (..., d)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.values(t), theta, False), theta)
-
-    def describes(self, values: ArrayLike) -> Flags:
-        """Whether all have coordinates."""
-        return np.logical_and.reduce(self._each(lambda joint, k: joint.describes(k), values, True))
-
-    def _coordinates(self, values: Array) -> Array:
-        return self._side_by_side(self._each(lambda joint, k: joint._coordinates(k), values, True), values)
-
-    def derivative(self, theta: ArrayLike) -> Array:
-        """∂k/∂θ, shape (..., q, d), block by block."""
-        t = np.asarray(theta, dtype=float)
-        slope = np.zeros((*t.shape[:-1], len(self.quantities), t.shape[-1]))
-        for joint, columns, rows in self._parts:
-            slope[..., rows, columns] = joint.derivative(t[..., columns])
-        return slope
-
-    def log_slope(self, theta: Array) -> Array:
-        """ln |∂k/∂θ|, shape (...): the sum of all."""
-        return np.sum(self._each(lambda joint, t: joint.log_slope(t), theta, False), axis=0)
-
-    def log_determinant(self, theta: Array) -> Array:
-        """ln det of the blocks, shape (...): the sum of all."""
-        return np.sum(self._each(lambda joint, t: joint.log_determinant(t), theta, False), axis=0)
-
-    def nearest(self, values: ArrayLike) -> Array:
-        """The nearest joint of each, shape (q,)."""
-        return self._side_by_side(self._each(lambda joint, k: joint.nearest(k), values, True), values)
-
-    def is_positive_semidefinite(self, values: ArrayLike) -> Flags:
-        """Whether every joint is, shape (...)."""
-        return np.logical_and.reduce(self._each(lambda joint, k: joint.is_positive_semidefinite(k), values, True))
-
-    def uncoupled(self, values: ArrayLike) -> Array:
-        """The same joints, shape (..., q), each without coupling."""
-        return self._side_by_side(self._each(lambda joint, k: joint.uncoupled(k), values, True), values)
-
-    def middle(self, mean: Array) -> Array:
-        """The joints, shape (q,), at the means of the priors of their coordinates, shape (d,)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.middle(t), mean, False), mean)
-
     def _semidefinite(self, values: Array) -> str:
         at_fault = [
             block.name
-            for block, (joint, _, k) in zip(self.blocks, self._parts, strict=True)
+            for block, (joint, _, k) in zip(self.blocks, self.parts, strict=True)
             if not joint.is_positive_semidefinite(values[k])
         ]
         return (
             f"a positive semidefinite matrix of {', '.join(at_fault)}; lower its couplings, or raise the stiffnesses "
             "beside them"
         )
-
-    def compliance(self, theta: Array) -> Array:
-        """φ of each joint, shape (n, d), of θ, shape (n, d)."""
-        return self._side_by_side(self._each(lambda joint, t: joint.compliance(t), theta, False), theta)
-
-    def coordinates_of_compliance(self, phi: Array) -> tuple[Array, Flags]:
-        """θ, shape (n, d), of φ, shape (n, d), and whether φ is a joint each, shape (n,)."""
-        parts = [joint.coordinates_of_compliance(phi[:, t]) for joint, t, _ in self._parts]
-        inside = np.logical_and.reduce([inside for _, inside in parts])
-        return self._side_by_side([theta for theta, _ in parts], phi), inside
-
-    def log_compliance_volume(self, theta: Array) -> Array:
-        """ln |∂θ/∂φ|, shape (n,): the sum of all."""
-        return np.sum(self._each(lambda joint, t: joint.log_compliance_volume(t), theta, False), axis=0)
 
 
 def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:

@@ -47,7 +47,7 @@ def parametrisation_of_draws(parametrisation: Parametrisation, values: Array) ->
     Of a coupled pair ρ takes the place of ln k12 where the coupling has both signs.
     """
     if isinstance(parametrisation, Blocks):
-        fitting = [parametrisation_of_draws(joint, values[:, k]) for joint, k in _blocks(parametrisation)]
+        fitting = [parametrisation_of_draws(joint, values[:, k]) for joint, _, k in parametrisation.parts]
         named = zip(parametrisation.blocks, fitting, strict=True)
         return Blocks(tuple(replace(block, parametrisation=joint) for block, joint in named))
     if isinstance(parametrisation, Damped):
@@ -62,15 +62,6 @@ def parametrisation_of_draws(parametrisation: Parametrisation, values: Array) ->
     return LogStiffness() if (values[:, 1] > 0).all() else SignedCoupling()
 
 
-def _blocks(blocks: Blocks) -> list[tuple[Parametrisation, slice]]:
-    """Each joint with the columns of its stiffnesses."""
-    ends = list(itertools.accumulate(len(block.parametrisation.quantities) for block in blocks.blocks))
-    return [
-        (block.parametrisation, slice(start, end))
-        for block, start, end in zip(blocks.blocks, [0, *ends], ends, strict=False)
-    ]
-
-
 def single_values(parametrisation: Parametrisation) -> list[Combination]:
     """Every coordinate: a stiffness, or a coupling coefficient, as a function of the stiffnesses, shape (n, q)."""
     return [Combination(name, _value(parametrisation, i), True, 1.0) for i, name in enumerate(parametrisation.names)]
@@ -79,7 +70,7 @@ def single_values(parametrisation: Parametrisation) -> list[Combination]:
 def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], Array]:
     axis = parametrisation.axes[column]
     if isinstance(parametrisation, Blocks):
-        blocks = [(joint, k, i) for joint, k in _blocks(parametrisation) for i in range(len(joint.axes))]
+        blocks = [(joint, k, i) for joint, _, k in parametrisation.parts for i in range(len(joint.axes))]
         joint, k, i = blocks[column]
         of_joint = _value(joint, i)
         return lambda values: of_joint(values[:, k])
@@ -103,7 +94,7 @@ def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[C
     if isinstance(parametrisation, Blocks):
         return [
             combination.within(k)
-            for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for block, (of_joint, _, k) in zip(parametrisation.blocks, parametrisation.parts, strict=True)
             for combination in combinations_of(of_joint, block.name)
         ]
     # 1. products of small powers of the coordinates that are logarithms of stiffnesses; of many, two at a time
@@ -147,7 +138,7 @@ def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint
     if isinstance(parametrisation, Blocks):
         return [
             combination.within(k)
-            for block, (of_joint, k) in zip(parametrisation.blocks, _blocks(parametrisation), strict=True)
+            for block, (of_joint, _, k) in zip(parametrisation.blocks, parametrisation.parts, strict=True)
             for combination in flexibilities_at_arms(of_joint, values[:, k], block.name)
         ]
     quantities = parametrisation.quantities

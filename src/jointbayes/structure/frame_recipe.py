@@ -265,8 +265,19 @@ def assembled(
     elements: list[tuple[Indices, tuple[Array, Array]]] = []
     for number, (segment, (count, order)) in enumerate(zip(mesh.segments, mesh.elements, strict=True)):
         alike, each = (segment.stretch, segment.axes, segment.offsets, count, order), max(order, 1)
-        if alike not in made:
-            made[alike] = _elements(segment, count, order, factors, directions)
+        if alike not in made:  # stiffness and mass of each element, DOFs those of the directions at each of its nodes
+            stretch, at_nodes = segment.stretch.scaled(factors), each + 1
+            all_alike = not stretch.tapered and not any(map(any, segment.offsets))
+            matrices_of: list[tuple[Array, Array]] = []
+            for i in range(1 if all_alike else count):
+                piece = stretch.part(i / count, (i + 1) / count)
+                turns = _turns(segment.axes, segment.offsets, directions, at_nodes, i == 0, i == count - 1)
+                whole = np.zeros((2, at_nodes * len(directions), at_nodes * len(directions)))
+                for field, turn in turns.items():
+                    whole += turn.T @ np.stack(part_matrices(piece, order, field)) @ turn
+                of_element = (whole + whole.swapaxes(1, 2)) / 2  # its turn leaves the last bits unsymmetric
+                matrices_of.append((of_element[0], of_element[1]))
+            made[alike] = matrices_of * count if all_alike else matrices_of
         first, last = segment.points
         names = (first, *(f"~{number}~{i}" for i in range(1, count * each)), last)
         along = np.array([nodes.setdefault(name, len(nodes)) for name in names])
@@ -287,24 +298,6 @@ def assembled(
     for point, heavy in rigid:
         mass[rows(np.array([nodes[point]]))] += heavy[np.ix_(free, free)]
     return stiffness, mass, tuple(nodes)
-
-
-def _elements(
-    segment: Segment, count: int, order: int, factors: BodyFactors, directions: tuple[str, ...]
-) -> list[tuple[Array, Array]]:
-    """Stiffness and mass of each element of a segment, DOFs those of the directions at each of its nodes."""
-    stretch = segment.stretch.scaled(factors)
-    alike = not stretch.tapered and not any(map(any, segment.offsets))
-    elements = []
-    for i in range(1 if alike else count):
-        piece, nodes = stretch.part(i / count, (i + 1) / count), max(order, 1) + 1
-        turns = _turns(segment.axes, segment.offsets, directions, nodes, i == 0, i == count - 1)
-        whole = np.zeros((2, nodes * len(directions), nodes * len(directions)))
-        for field, turn in turns.items():
-            whole += turn.T @ np.stack(part_matrices(piece, order, field)) @ turn
-        stiffness, mass = (whole + whole.swapaxes(1, 2)) / 2  # its turn leaves the last bits unsymmetric
-        elements.append((stiffness, mass))
-    return elements * count if alike else elements
 
 
 FrameMesh = tuple[BodyMesh, ...]

@@ -318,7 +318,10 @@ def reduce_to_ports(
         If a node does not exist, an end is of no part, or the model cannot be reduced.
     """
     held = model.held(supports)
-    as_ports = {name: _port(given) for name, given in ports.items()}
+    as_ports = {
+        name: given if isinstance(given, Port) else Port(tuple(np.atleast_1d(given).tolist()))
+        for name, given in ports.items()
+    }
     numbers: dict[str, Port] = {}
     for name, port in as_ports.items():
         if port.rigid:
@@ -363,9 +366,3 @@ def reduce_to_ports(
         accelerometer_dofs=tuple(accelerometer_dofs),
         outline=outline,
     )
-
-
-def _port(given: Port | int | Sequence[int]) -> Port:
-    if isinstance(given, Port):
-        return given
-    return Port((given,) if isinstance(given, int | np.integer) else tuple(given))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jointbayes.structure.imported.entries import Exported, direction_of, fault
-from vibrecords.arrays import Array, Indices
+from vibrecords.arrays import Indices
 
 _NODE = re.compile(r"[0-9]{1,15}")
 #: Elements of Abaqus and CalculiX by their names, with the count of their nodes behind the last letter.
@@ -100,7 +100,8 @@ def _of_cards(path: Path) -> tuple[list[int], list[list[float]]]:
             where, line = f"{path}, line {number}", line.rstrip("\r\n")
             if line[4] == "*":
                 line = line.ljust(72)[:72] + next(lines, "").rstrip("\r\n")[8:]
-            fields = line.split(",")[1:] if "," in line else _fields(line, 16 if line[4] == "*" else 8)
+            width = 16 if line[4] == "*" else 8
+            fields = line.split(",")[1:] if "," in line else [line[8 + i * width :][:width] for i in range(6)]
             node, system, *place, output = [field.strip() for field in [*fields, *[""] * 6][:6]]
             if not _NODE.fullmatch(node) or system not in ("", "0") or output not in ("", "0"):
                 found = f"grid {node[:16]!r} in system {system or output!r}"
@@ -136,15 +137,13 @@ def _of_block(path: Path) -> Exported:
                 numbers.append([_number(word, where) for word in words[1:]])
     _require_once(path, nodes)
     table = np.array(numbers)
-    turned = {node: _turned(*np.deg2rad(row[3:])) for node, row in zip(nodes, table, strict=True) if row[3:].any()}
-    return Exported(nodes=np.array(nodes, dtype=np.intp), places=table[:, :3], axes=turned)
-
-
-def _turned(about_z: float, about_x: float, about_y: float) -> Array:
-    """Return the axes of a node of Ansys that is turned about z, then about its new x, then about its new y."""
-    (cz, cx, cy), (sz, sx, sy) = (wave([about_z, about_x, about_y]) for wave in (np.cos, np.sin))
-    z, x = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]), np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    return np.asarray(z @ x @ np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]))
+    axes = {}
+    for node, row in zip(nodes, table, strict=True):
+        if row[3:].any():  # turned about z, then about its new x, then about its new y
+            (cz, cx, cy), (sz, sx, sy) = (wave(np.deg2rad(row[3:])) for wave in (np.cos, np.sin))
+            z, x = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]]), np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+            axes[node] = z @ x @ np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    return Exported(nodes=np.array(nodes, dtype=np.intp), places=table[:, :3], axes=axes)
 
 
 def _require_once(path: Path, nodes: list[int]) -> None:
@@ -154,10 +153,6 @@ def _require_once(path: Path, nodes: list[int]) -> None:
     if counts.max() > 1:
         remedy = "give the flat input file, not parts with instances"
         raise fault(path, f"node {numbers[counts.argmax()]} {counts.max()} times", "each node once", remedy)
-
-
-def _fields(line: str, width: int) -> list[str]:
-    return [line[at : at + width] for at in range(8, 8 + 6 * width, width)]
 
 
 def _of_keywords(path: Path) -> tuple[list[int], list[list[float]], Indices | None]:

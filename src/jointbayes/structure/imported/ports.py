@@ -100,7 +100,8 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     rows = {node: [model.row(node, way) for way in "xyz"] for node in port.nodes}
     free = [node for node in port.nodes if all(row is not None for row in rows[node])]
     if not free:
-        found = f"found no node of {_listed(port.nodes)} that is free to move"
+        listed = ", ".join(map(str, port.nodes[:6])) + " …" * (len(port.nodes) > 6)
+        found = f"found no node of {listed} that is free to move"
         raise ModelError.of(
             f"port {name}", ("ports", name), found, "a patch that no support holds", "choose other nodes"
         )
@@ -180,7 +181,3 @@ def nodes_in_box(model: FeModel, low: Sequence[float], high: Sequence[float]) ->
     """Numbers of the nodes in a box of these corners, m."""
     inside = ((model.places >= np.array(low)) & (model.places <= np.array(high))).all(axis=1)
     return tuple(int(node) for node in model.nodes[inside])
-
-
-def _listed(nodes: Sequence[int]) -> str:
-    return ", ".join(map(str, nodes[:6])) + (" …" if len(nodes) > 6 else "")

@@ -105,7 +105,10 @@ def read_structure(
                 main, f"no {role} matrix, but {' and '.join(matrices)}", example, f"export it too, give {role}="
             )
     given_map = dofs or (_beside(main, "dofs") if exported.dofs is None else None)
-    mapped = exported if given_map is None else _read(Path(given_map), _map)
+    kind = Path(given_map).suffix.lower() if given_map else ""
+    of_kind = {".dof": read_dof_file, ".mapping": read_mapping}.get(kind, read_map)
+    of_map = read_assembly if kind == ".asm" else lambda path: Exported(dofs=of_kind(path))
+    mapped = exported if given_map is None else _read(Path(given_map), of_map)
     whole, rows = _whole_matrices(sources, matrices, mapped.dofs, given_map)
     places = mapped if len(mapped.nodes) else exported
     if nodes is not None:
@@ -132,8 +135,15 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
         what = f"{len(rows)} DOFs, all of them held (1e36 on the diagonal of K) or without stiffness and mass"
         raise fault(main, what, "a structure that can move", "export it without its supports")
     rows = rows[kept]
+    # relative rounding of the numbers of K as the file has them: half of the last of 10 to 15 digits, or 0
+    values, rounding = np.abs(whole["stiffness"].data), 0.0
+    values = values[values > 1e-280][:10_000]  # of smaller ones the last digit is below all numbers
+    for digits in range(10, 16):
+        last = 10.0 ** (np.floor(np.log10(values)) + 1 - digits)
+        if (np.abs(np.rint(values / last) * last - values) <= 4 * np.finfo(float).eps * values).all():
+            rounding = 0.5 * 10.0 ** (1 - digits)
+            break
     length, energy = _UNITS[unit]
-    rounding = _rounding(whole["stiffness"].data)
     scale = np.where((rows[:, 1] >= 1) & (rows[:, 1] <= 3), 1 / length, 1.0)
     turn = sparse.diags_array(scale)
     whole = {role: energy * (turn @ matrix[kept][:, kept] @ turn) for role, matrix in whole.items()}
@@ -172,17 +182,6 @@ def _in_basic_system(
                 turn[np.ix_(at, at)] = own
     turn = turn.tocsc()
     return {role: turn @ matrix @ turn.T for role, matrix in whole.items()} if turned else whole
-
-
-def _rounding(values: Array) -> float:
-    """Return the relative rounding of numbers as a file has them: half of the last of 10 to 15 digits, or 0."""
-    values = np.abs(values[np.abs(values) > 1e-280][:10_000])  # of smaller ones the last digit is below all numbers
-    tens = np.floor(np.log10(values))
-    for digits in range(10, 16):
-        unit = 10.0 ** (tens + 1 - digits)
-        if (np.abs(np.rint(values / unit) * unit - values) <= 4 * np.finfo(float).eps * values).all():
-            return 0.5 * 10.0 ** (1 - digits)
-    return 0.0
 
 
 def _require_sane_units(model: FeModel, unit: str) -> None:
@@ -324,14 +323,6 @@ def _matrices(path: Path) -> Exported:
         return read_abaqus(path)
     expected = "npz, MATLAB, Matrix Market, OP4, DMIG, Harwell-Boeing, or text of Abaqus or CalculiX"
     raise fault(path, "no matrices of a known kind", expected, "export K and M in one of them")
-
-
-def _map(path: Path) -> Exported:
-    """Map of the DOFs by the reader of its kind."""
-    suffix = path.suffix.lower()
-    if suffix == ".asm":
-        return read_assembly(path)
-    return Exported(dofs={".dof": read_dof_file, ".mapping": read_mapping}.get(suffix, read_map)(path))
 
 
 def _beside(path: Path, what: str) -> Path | None:
