@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.walk_through import exact_accelerance
 
 from jointbayes.cli.files import _in_words
-from jointbayes.cli.output import LONGEST, source_lines
-from tests.conftest import CONFIGS, cheap_text, cli, edited, shipped_text, without_stages
+from jointbayes.cli.output import source_lines
+from tests.conftest import CONFIGS, cheap_text, cli, shipped_text
 
 #: A bar on a spring of 2 kg: one resonance at 225 Hz.
 LINES = np.arange(20.0, 600.0)
@@ -41,15 +40,6 @@ def measured(tmp_path, monkeypatch):
     return text
 
 
-def only(result):
-    """The one message of a command that is refused, and what stands under it."""
-    assert result.exit_code == 2
-    message, *below = without_stages(result.stderr)
-    assert len(message) <= LONGEST
-    assert "…" not in message
-    return message, below
-
-
 # ---- validate
 
 
@@ -78,19 +68,6 @@ def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, m
         assert entry["understood"][0] == "Specimen: Clamp 12; Date of test: 2026-11-25; Operator: A. Miller"
 
 
-def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, measured):
-    text = edited(
-        measured, ("elements = 10", "elements = 10\nat_mm = { mid = 250.0 }"), ('"a tip" = "11:y"', '"a tip" = "mid:y"')
-    )
-    (entry,) = json.loads(validated(text, "--json").stdout)["cases"]
-    assert {
-        "structure: beam 383 mm, circle 25 mm, E 210 GPa, 7800 kg/m³, modal damping",
-        "at 0 mm: 1:y, 1:rz",
-        "at 250 mm: mid:y",
-        "at 383 mm: 11:y",
-    } <= set(entry["understood"])
-
-
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -107,81 +84,6 @@ def test_validate_says_where_each_dof_is_and_what_the_beam_is_made_of(tmp_path, 
 )
 def test_validate_says_the_structure_in_words(line, words):
     assert _in_words(f"structure: {line}", ["material and section: 40 × 8 mm"]) == f"structure: {words}"
-
-
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        (lambda h: 1000 * h, "times as large as the model has them with any joint"),
-        (lambda h: h / 1000, "times as large as the model has them with any joint"),
-        (lambda h: h.real + 0j, "no imaginary part on any of 580 lines: its phase is lost"),
-        (lambda h: 0 * h + 1.0, "the FRF is 1+0j on all 580 lines, which no structure is"),
-        (lambda h: np.array([1, 1j]) @ np.random.default_rng(1).standard_normal((2, h.size)), "it is noise"),
-    ],
-)
-def test_an_frf_that_no_structure_has_is_told_in_one_warning(tmp_path, measured, made, words):
-    write_tip(tmp_path / "tip.csv", values=made(BAR))
-    result = cli("validate", "case.toml")
-    assert result.exit_code == 0
-    assert sum(words in line for line in result.stderr.splitlines()) == 1, result.stderr
-    text = measured.replace("ratio = 0.01", 'ratio = "measured"')
-    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    if "on all" in words or "noise" in words:
-        message, _ = only(cli("validate", "case.toml"))
-        assert "found no mode in an FRF of " in message
-
-
-@pytest.mark.parametrize("factor", [1000.0, 1e-3])
-def test_a_free_gain_that_would_mend_a_wrong_unit_is_named(tmp_path, measured, factor):
-    assert "uncertain gain" not in validated(f"{measured}\n[uncertain]\ngain = {{ sd_percent = 5.0 }}\n").stderr
-    write_tip(tmp_path / "tip.csv", values=factor * BAR)
-    assert "which the uncertain gain would take up without a word" in cli("validate", "case.toml").stderr
-
-
-@pytest.mark.parametrize(("factor", "warned"), [(9.80665, 1), (1 / 9.80665, 1), (1.0, 0), (1.3, 0), (1 / 1.3, 0)])
-def test_g_for_metres_per_second_squared_is_named_and_a_calibration_is_not(tmp_path, measured, factor, warned):
-    write_tip(tmp_path / "tip.csv", values=factor * exact_accelerance(LINES))
-    assert cli("validate", "case.toml").stderr.count("as large as the model has them with any joint") == warned
-
-
-def test_a_wrong_modulus_is_the_first_that_a_mode_above_those_of_a_rigid_joint_is_blamed_on(tmp_path, measured):
-    text = edited(measured, ("youngs_modulus_gpa = 210.0", "youngs_modulus_gpa = 70.0"))
-    text = text.replace("ratio = 0.01", 'ratio = "measured"')
-    message, _ = only(validated(text))
-    assert message.startswith("jointbayes: case.toml:")
-    assert "structure: found mode 1 at 22" in message
-    assert message.endswith(
-        "; write ratio = 0.01, lower f_min_hz, or correct Young's modulus, density, length or section"
-    )
-
-
-def test_a_misspelt_channel_is_blamed_on_its_label_and_only_free_ones_are_proposed(tmp_path, measured):
-    message, (row, carets) = only(validated(edited(measured, ('"a tip"', '"output 1"'))))
-    assert 'data.channels."output 1": ' in message
-    assert message.endswith('expected one of "a tip", "a mid"; correct the label')
-    begin, count = carets.find("^"), carets.count("^")
-    assert row[begin : begin + count] == '"output 1" = "11:y"'
-    assert 'did you mean "a tip"?' in only(validated(edited(measured, ('"a tip"', '"tip"'))))[0]
-    every = '"a tip" = "11:y", "a mid" = "6:y", "b" = "1:y"'
-    assert only(validated(edited(measured, ('"a tip" = "11:y"', every))))[0].endswith(
-        "all of these are mapped; remove it"
-    )
-
-
-def test_a_stated_noise_is_not_asked_for_and_one_that_is_not_stated_is_with_its_table(tmp_path, measured):
-    assert json.loads(cli("validate", "case.toml", "--json").stdout)["warnings"] == []
-    assert "or state the noise in [data.variance], or" in cli("inspect", "tip.csv").stdout
-    write_tip(tmp_path / "plain.csv", ("output 1",), "")
-    assert 'quantity = "accelerance"' in cli("inspect", "plain.csv").stdout
-
-
-def test_what_a_fresh_case_asks_is_told_in_whole_lines(tmp_path, measured):
-    assert cli("init", "my_case.toml", "--from", "tip.csv").exit_code == 0
-    told = without_stages(cli("validate", "my_case.toml").stderr)
-    assert len(told) == 3 * 6
-    assert not any("…" in line for line in told)
-    row, carets = told[-2:]
-    assert row[carets.find("^") : carets.rfind("^") + 1] == '"a mid" = "?"'
 
 
 @pytest.mark.parametrize(
@@ -203,43 +105,7 @@ def test_the_innermost_table_that_stands_in_the_line_is_underlined(tmp_path, mon
 # ---- another file than the one that is meant, another place than one that is there
 
 
-@pytest.mark.parametrize(
-    ("line", "remedy"),
-    [
-        ("run tip.csv", "this is a measurement file; expected a case file in TOML, UTF-8; write a case for it: "
-                        "jointbayes init --from tip.csv"),
-        ("validate tip.csv", "jointbayes init --from tip.csv"),
-        ("report case.toml", "found a case file; expected a posterior.nc or a run directory; run it first: jointbayes "
-                             "run case.toml"),
-        ("export case.toml --to a.bdf", "run it first: jointbayes run case.toml"),
-        ("init x/y/case.toml", "found no directory x/y; expected one that exists; make it first"),
-        ("init x/case.toml --from tip.csv", "found no directory x; expected one that exists; make it first"),
-        ("init sub/", "expected NAME.toml; write sub.toml, or make the directory first"),
-    ],
-)  # fmt: skip
-def test_a_wrong_file_is_told_with_the_command_that_takes_it(tmp_path, measured, line, remedy):
-    message, _ = only(cli(*shlex.split(line)))
-    assert message.endswith(remedy)
-    assert {path.name for path in tmp_path.iterdir()} == {"tip.csv", "case.toml"}
-
-
 # ---- words
-
-
-def test_a_table_of_a_campaign_with_names_is_told_of_their_column(tmp_path, measured):
-    (tmp_path / "table.csv").write_text("name,structure.length_mm\na,383\n", encoding="utf-8")
-    message, _ = only(cli("campaign", "table.csv", "--base", "case.toml"))
-    assert message.endswith("name: found no such column; expected a key of a case; did you mean 'key'?")
-
-
-def test_a_band_that_the_file_does_not_have_is_blamed_on_the_end_that_is_wrong(tmp_path, measured):
-    lines = edited(measured, (CHANNELS, f"f_min_hz = 700.0\nf_max_hz = 900.0\n{CHANNELS}"))
-    message, (row, _) = only(validated(lines))
-    assert row.endswith("f_min_hz = 700.0")
-    assert "no line from 700 to 900 Hz" in message
-    (warning,) = json.loads(validated(lines.replace("700.0", "100.0"), "--json").stdout)["warnings"]
-    assert warning["key"] == "data.f_max_hz"
-    assert "expected at most 599, where the lines of the file end" in warning["message"]
 
 
 # ---- wrong calls

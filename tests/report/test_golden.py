@@ -3,10 +3,8 @@
 `GOLDEN=update pytest -n 0 tests/report/test_golden.py` keeps what they say now; read the diff.
 """
 
-import os
 import re
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -22,17 +20,15 @@ from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from tests.case.test_several_tests import BASE, TWO
 from tests.conftest import TABLE_3, cheap_text, of_case, plain_reports, unsettled
+from tests.golden import require_kept
 from tests.posterior.test_decision import as_measured
 from tests.posterior.test_verdicts import bound_at_draws, with_cached
 from tests.report import conftest as kinds
 from tests.report import test_several_tests as several
-from tests.same.compare import masked
-from tests.same.record import NUMBER, number, sentences
+from tests.same.record import sentences
 
 GOLDEN = Path(__file__).parent / "golden"
-#: Numbers of a page may differ by this share, for a climb ends elsewhere by another arithmetic.
-NEAR = 0.02
-#: But for those of these lines, which tell how small an error is or where a failed iteration went.
+#: Lines whose numbers may differ: they tell how small an error is or where a failed iteration went.
 LOOSE = ("It moves k", "The paper's iteration", "Step ")
 PASSING = re.compile(r"\b\d{4}-\d\d-\d\d(?=jointbayes)|\b[0-9a-f]{16,64}\b")
 
@@ -136,15 +132,7 @@ def require_golden(name, found):
     if name in VARIANTS:
         base = {*(GOLDEN / f"{VARIANTS[name]}.txt").read_text(encoding="utf-8").splitlines()}
         found = [line for line in found if line not in base]
-    path = GOLDEN / f"{name}.txt"
-    if os.environ.get("GOLDEN") == "update":
-        path.write_text("\n".join(found) + "\n", encoding="utf-8")
-    kept = path.read_text(encoding="utf-8").splitlines()
-    for one, other in zip_longest(kept, found, fillvalue=""):
-        assert masked(other) == masked(one), f"{path.name}: kept {one!r}"
-        values = [[number(text) for text in NUMBER.findall(line)] for line in (one, other)]
-        if not one.startswith(LOOSE):
-            assert values[1] == pytest.approx(values[0], rel=NEAR, abs=1e-4), f"{path.name}: {one!r}, found {other!r}"
+    require_kept(GOLDEN / f"{name}.txt", found, LOOSE)
 
 
 def with_published(posterior, values):
