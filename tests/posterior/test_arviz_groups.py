@@ -47,6 +47,7 @@ def test_arviz_is_imported_where_its_note_of_the_day_cannot_be_written(monkeypat
     assert not Path(noted[1]).exists()
 
 
+@pytest.mark.science
 @pytest.mark.skipif(sys.platform == "win32", reason="HOME is not what Windows asks")
 def test_a_home_that_cannot_be_written_costs_nothing():
     """Matplotlib, ArviZ and the loops each want a cache in the user's home."""

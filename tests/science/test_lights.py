@@ -143,10 +143,12 @@ def right(seed):
 GREEN = ("good", "good", "good")
 
 
+@pytest.mark.science
 def test_the_lights_of_right_data_are_green():
     assert right(1).colours == GREEN
 
 
+@pytest.mark.science
 @pytest.mark.parametrize("wrong", ["gain 4.6", "sign"])
 def test_a_wrong_sensor_that_is_not_fitted_is_named_by_the_light_of_the_data(wrong):
     change, named = WRONG_SENSORS[wrong]

@@ -106,6 +106,7 @@ def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
     assert max(len(keys) for keys in together) == 2
 
 
+@pytest.mark.science
 def test_a_server_of_workers_that_runs_gets_the_modules_that_are_wanted():
     list(run_tasks(task_functions.square, numbered(1), workers=1))
     (found,) = run_tasks(task_functions.has_module, [("a", ("colorsys",))], workers=1, preload=["colorsys"])
