@@ -32,7 +32,6 @@ def test_a_guide_is_whole_and_short(name):
         ("traces-2", "traces"),
         ("mode-shapes", "mode-shapes"),
         ("mode-shape-3", "mode-shape-"),
-        ("test-2-curve-1", "curve-"),
         ("nothing-like-it", None),
     ],
 )

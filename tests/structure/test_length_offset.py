@@ -64,4 +64,4 @@ def test_a_stubby_beam_is_interpolated_as_well():
     assert off_peak(found, exact, axis=1) < 1e-7
     at = family.at((*CLAMP.labels, "11:y"), tips.frequency_hz[-1])
     motions = np.eye(at.nominal.n_dofs)[:, at.nominal.index((*CLAMP.labels, "11:y"))]
-    assert isinstance(at.over_factors(motions, None)._bodies[0].modes, ModeTable)
+    assert isinstance(at.over_factors(motions, None).bodies[0].modes, ModeTable)
