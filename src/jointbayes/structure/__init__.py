@@ -24,6 +24,8 @@ from jointbayes.structure.imported import FePart as FePart
 from jointbayes.structure.imported import ImportedFamily as ImportedFamily
 from jointbayes.structure.imported import ImportedRecipe as ImportedRecipe
 from jointbayes.structure.imported import Port as Port
+from jointbayes.structure.imported import ReducedModel as ReducedModel
+from jointbayes.structure.imported import ReducedPart as ReducedPart
 from jointbayes.structure.imported import read_structure as read_structure
 from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
 from jointbayes.structure.matrices import Structure as Structure
