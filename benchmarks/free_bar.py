@@ -80,7 +80,7 @@ def analysed(kind: str, index: int) -> Row:
     """Verdict on each stiffness."""
     case = case_of(kind, index)
     posterior = jb.sample(case, seed=index, settings=case.sampler.for_one_of_many())
-    return {"verdicts": {name: posterior.verdict(name).verdict for name in posterior.stiffness_names}}
+    return {"verdicts": {name: posterior.verdict(name).cls for name in posterior.stiffness_names}}
 
 
 def summary(rows: Sequence[Row]) -> Row:

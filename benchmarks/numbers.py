@@ -120,7 +120,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "freed": {
             "assumptions": known.get("freed_assumptions"),
             "sentence": known.get("freed_sentence"),
-            "rows": [_freed(row) for row in known.get("freed") or ()],
+            "rows": [_freed(premises, row) for premises, row in summary["under"].items()],
         },
         **more,
         **({"left_out": summary["left_out"]} if summary["left_out"] else {}),
@@ -132,9 +132,7 @@ def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printe
     """One stiffness; the Monte Carlo errors and the one-sided limit where the summary has them."""
     low, high = entry["interval95"]
     errors = dict(zip(("low_error", "high_error"), entry.get("interval95_error", ()), strict=False))
-    limits = [end for end in entry.get("printed95", ()) if end is not None] or [entry.get("limit95")]
-    limit = None if entry.get("limit95") is None else limits[0]
-    optional = {"median_error": entry.get("median_error"), **errors, "limit": limit}
+    optional = {**errors, "limit": entry["limit"]}
     return {
         "unit": entry["unit"],
         "reference": reference,
@@ -142,22 +140,23 @@ def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printe
         "low": _short(low),
         "high": _short(high),
         "ratio": _short(max(high / low, low / high)) if low * high > 0 else None,
-        "mode": _short(entry["mode"]),
+        "mode": _short(entry["map"]),
         **{key: _short(value) for key, value in optional.items() if value is not None},
         "verdict": entry["verdict"],
         "words": words_of(name, printed),
     }
 
 
-def _freed(row: dict[str, Any]) -> dict[str, Any]:
-    """What is left of the intervals where other quantities are uncertain, too."""
-    ends = {name: [_short(end) for end in pair] for name, pair in row["interval95"].items()}
-    return {"freed": row["freed"], "interval95": ends, "verdict": row["verdict"]}
+def _freed(premises: str, row: dict[str, Any]) -> dict[str, Any]:
+    """What is left of the intervals under other premises."""
+    ends = {name: [_short(end) for end in known["interval95"]] for name, known in row.items()}
+    verdicts = {name: known["verdict"] for name, known in row.items()}
+    return {"freed": premises, "interval95": ends, "verdict": verdicts}
 
 
 def words_of(name: str, printed: list[str]) -> str:
     """The verdict on a stiffness as the terminal words it, without the reason in brackets."""
-    line = next(line for line in printed if line.startswith(f"{name}: "))
+    line = next(line for line in printed if line.startswith((f"{name} = ", f"{name} above ", f"{name} below ")))
     match = re.match(r"[\w.]+: [^:]*: ([^(]+?)(?: \(.*\))?$", line)
     if match is None:
         raise SystemExit(f"found no verdict in {line!r}")

@@ -22,7 +22,7 @@ from scipy import stats
 
 from benchmarks.record import ROOT, environment, write_between
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.identifiability import Verdict
 
 Row = dict[str, Any]
 #: Kinds from which on a page has the shortest and the longest time.
@@ -131,18 +131,17 @@ def outcome(posterior: Posterior, truth: Mapping[str, float]) -> Row:
         if name in posterior.stiffness_names:
             verdict = posterior.verdict(name)
             ends = [float(end) if math.isfinite(end) else None for end in printed(verdict)]
-            known[name] |= {"verdict": verdict.verdict, "ends": ends}
+            known[name] |= {"verdict": verdict.cls, "ends": ends}
     return {"converged": posterior.converged, "explains": posterior.check.explains, "known": known}
 
 
-def printed(known: Identifiability) -> tuple[float, float]:
+def printed(known: Verdict) -> tuple[float, float]:
     """Ends that a run prints of a stiffness; infinite where it gives a limit on the other side."""
-    if any(map(math.isfinite, known.printed95)):
-        return known.printed95
-    below, above = (known.verdict == f"bounded {side}" for side in ("below", "above"))
-    if below or above:
-        return (known.limit95 if below else -math.inf), (known.limit95 if above else math.inf)
-    return known.interval95
+    if known.cls == "bounded below":
+        return known.limit, math.inf
+    if known.cls == "bounded above":
+        return -math.inf, known.limit
+    return known.interval
 
 
 def holds(known: Mapping[str, Any], ends: str = "interval95") -> bool:

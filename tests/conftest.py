@@ -33,6 +33,7 @@ from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, drawing
 from jointbayes.sampling import SamplerSettings, distributions
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
+from jointbayes.verdict_rule import VerdictRule
 from jointbayes.workflow import sample
 from tests.cost import Cost
 from tests.marks import first_in_ci as first_in_ci
@@ -89,6 +90,7 @@ class StatedCase:
     measured_frequencies_hz: tuple[float, ...] | None = None
     workshop_problem: Problem | None = None
     default_priors: frozenset[str] = frozenset()
+    verdict_rules: Mapping[str, VerdictRule] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
 

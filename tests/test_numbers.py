@@ -8,7 +8,7 @@ import pytest
 from benchmarks import gallery, numbers, quoted, readme_figure
 from benchmarks.paper_tables import audit
 
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, LEAST_CONTRACTION, WEAK_RATIO
+from jointbayes.posterior.identifiability import RULE
 
 pytestmark = pytest.mark.docs
 
@@ -108,15 +108,15 @@ def test_the_record_is_of_the_case_file_as_it_is_now(name, record):
 
 #: How the pages state the limits of the verdicts: pattern, the constants of its groups.
 LIMITS = (
-    (r"(?<!weakly )identified up to ([\d.]+\d)", (IDENTIFIED_RATIO,)),
-    (r"weakly identified up to ([\d.]+\d|\d)", (WEAK_RATIO,)),
-    (r"at most ([\d.]+) times the lower", (IDENTIFIED_RATIO,)),
-    (r"\*weakly identified\*:? (?:if )?at most ([\d.]+) times", (WEAK_RATIO,)),
-    (r"\| ✓ identified \| the upper end is at most (\S+) times", (IDENTIFIED_RATIO,)),
-    (r"\| weakly identified \| at most (\S+) times", (WEAK_RATIO,)),
-    (r"\| identified \| at most (\S+) \| at least (\S+) \|", (IDENTIFIED_RATIO, LEAST_CONTRACTION)),
-    (r"\| weakly identified \| at most (\S+) \| at least (\S+) \|", (WEAK_RATIO, LEAST_CONTRACTION)),
-    (r"\| not identified \| above (\S+), \*or\* \| below (\S+) \|", (WEAK_RATIO, LEAST_CONTRACTION)),
+    (r"(?<!weakly )identified up to ([\d.]+\d)", (RULE.identified,)),
+    (r"weakly identified up to ([\d.]+\d|\d)", (RULE.weakly_identified,)),
+    (r"at most ([\d.]+) times the lower", (RULE.identified,)),
+    (r"\*weakly identified\*:? (?:if )?at most ([\d.]+) times", (RULE.weakly_identified,)),
+    (r"\| ✓ identified \| the upper end is at most (\S+) times", (RULE.identified,)),
+    (r"\| weakly identified \| at most (\S+) times", (RULE.weakly_identified,)),
+    (r"\| identified \| at most (\S+) \| at least (\S+) \|", (RULE.identified, RULE.contraction)),
+    (r"\| weakly identified \| at most (\S+) \| at least (\S+) \|", (RULE.weakly_identified, RULE.contraction)),
+    (r"\| not identified \| above (\S+), \*or\* \| below (\S+) \|", (RULE.weakly_identified, RULE.contraction)),
 )
 
 

@@ -72,6 +72,7 @@ from jointbayes.studies.compare import compare as compare
 from jointbayes.studies.plan import Plan as Plan
 from jointbayes.studies.plan import plan as plan
 from jointbayes.studies.reference_check import check_posterior as check_posterior
+from jointbayes.verdict_rule import VerdictRule as VerdictRule
 from jointbayes.workflow import find_map as find_map
 from jointbayes.workflow import identify as identify
 from jointbayes.workflow import load_posterior as load_posterior

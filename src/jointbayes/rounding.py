@@ -159,17 +159,6 @@ def _last_place(value: float, width: float) -> float:
     return 1.5 * 10.0 ** min((math.floor(math.log10(size)) for size in sizes if 0 < size < math.inf), default=0)
 
 
-def one_sided(side: str, limit: float, unit: str) -> str:
-    """A limit that holds with 95 % probability, as it is printed everywhere.
-
-    Examples
-    --------
-    >>> one_sided("above", 4.482e5, "N·m/rad")
-    'above 448 kN·m/rad (95 %)'
-    """
-    return f"{side} {quantity_text(limit, unit)} (95 %)"
-
-
 def quantity_text(value: float, unit: str) -> str:
     """One number with three digits and its unit.
 

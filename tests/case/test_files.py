@@ -114,7 +114,7 @@ def test_file_to_posterior_finds_the_joint_of_the_virtual_test(run):
     for name, true in zip(("k11", "k12", "k22"), TABLE_3, strict=True):
         low, high = posterior.interval(name)
         assert low < true < high
-    assert posterior.verdict("k22").verdict == "identified"
+    assert posterior.verdict("k22").cls == "identified"
     assert posterior.check.explains
 
 

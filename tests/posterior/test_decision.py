@@ -202,7 +202,7 @@ def test_a_posterior_of_modes_is_kept_with_the_frfs_that_show_them(cheap_case, t
     np.testing.assert_array_equal(frfs.values, of_modes.problem.test.data.shown_frfs.frf.values)
     for name, truth in zip(of_modes.stiffness_names, TABLE_3, strict=True):
         assert again.interval(name) == of_modes.interval(name)
-        low, high = of_modes.verdict(name).printed95  # NaN where nothing is printed
+        low, high = of_modes.verdict(name).interval  # NaN where nothing is printed
         assert (truth < low, truth > high) == (False, False), name
     assert of_modes.model_error.grade == "usual"
 
@@ -214,10 +214,10 @@ def test_the_frfs_of_a_wrong_model_are_sure_of_a_wrong_joint_and_their_modes_hol
     settings = jb.SamplerSettings(walkers=16, max_steps=1500, tau_factor=20, end_tolerance=0.05)
     exact = jb.sample(longer, settings=settings, seed=1, premises="exact")
     assert exact.check.explains
-    assert exact.verdict("k22").verdict == "identified"
+    assert exact.verdict("k22").cls == "identified"
     assert exact.interval("k22")[1] < 0.9 * TABLE_3[2]
     assert not exact.problem.premises.of_modes
-    low, high = jb.sample(longer, seed=1).verdict("k22").printed95
+    low, high = jb.sample(longer, seed=1).verdict("k22").interval
     assert low < TABLE_3[2] < high
 
 

@@ -128,7 +128,7 @@ def test_what_the_prior_says_alone_is_not_called_known():
 def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     k11, k22 = (assess(values[:, i], prior_draws()[:, i]) for i in (0, 2))
-    known = {"k11": k11, "k22": replace(k22, interval95=(1.0, 2.0), verdict="weakly identified")}
+    known = {"k11": k11, "k22": replace(k22, interval=(1.0, 2.0), cls="weakly identified")}
     found = {named.quantity: named for named in name_directions(values, prior_draws(), known)}
     assert found["k22"].verdict == "weakly identified"
     assert found["k22"].interval95 == (1.0, 2.0)
@@ -136,7 +136,7 @@ def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
 
 def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywhere():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    k22 = replace(assess(values[:, 2], prior_draws()[:, 2]), interval95=(1.0, 1.5), ratio=1.5, printed95=(0.9, 1.5))
+    k22 = replace(assess(values[:, 2], prior_draws()[:, 2]), interval=(0.9, 1.5), ratio=1.5)
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k22": k22})}
     assert found["k22"].interval95 == (0.9, 1.5)
     assert found["k22"].ratio == 1.5 / 0.9
@@ -145,14 +145,14 @@ def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywh
 
 def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), verdict="bounded below", limit95=2.5e8, unit="N/m")
+    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), cls="bounded below", limit=2.5e8, unit="N/m")
     found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
-    assert found["k11"].sentence == "k11 is bounded below: above 250 MN/m (95 %)"
+    assert found["k11"].sentence == "k11 is bounded below: above 250 MN/m"
 
 
 def test_where_a_failed_run_allows_no_verdict_no_combination_has_one():
     values = draws_of(((-1, 2, 0), 0.01), ((0, 0, 1), 0.1), ((1, 0, 0), 1.0))
-    known = {n: replace(assess(values[:, i], prior_draws()[:, i]), verdict="no verdict") for i, n in enumerate(NAMES)}
+    known = {n: replace(assess(values[:, i], prior_draws()[:, i]), cls="no verdict") for i, n in enumerate(NAMES)}
     found = name_directions(values, prior_draws(), known)
     assert {named.verdict for named in found} == {"no verdict"}
     assert {named.quantity for named in found} == set(NAMES)

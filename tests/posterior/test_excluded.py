@@ -85,7 +85,7 @@ def by_kind(joints) -> dict[str, SimplerJoint]:
 @pytest.mark.long
 @pytest.mark.whole
 def test_a_rigid_joint_is_excluded_by_data_that_bound_each_stiffness_from_below(bounded, of_bounded):
-    assert {bounded.verdict(k).verdict for k in ("k11", "k22")} == {"bounded below"}
+    assert {bounded.verdict(k).cls for k in ("k11", "k22")} == {"bounded below"}
     assert known_by_bounds(bounded) == ("",)
     joints = by_kind(of_bounded.knowledge.simpler)
     # nothing else is uncertain: the likelihood of a rigid joint is one number
@@ -212,7 +212,7 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
 
 @pytest.mark.parametrize(("verdict", "condition"), [("not identified", True), ("weakly identified", False)])
 def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_change_nothing(stated, verdict, condition):
-    known = {"k11": replace(assess(np.linspace(1.0, 2.0, 100), np.linspace(1.0, 100.0, 100)), verdict=verdict)}
+    known = {"k11": replace(assess(np.linspace(1.0, 2.0, 100), np.linspace(1.0, 100.0, 100)), cls=verdict)}
     run = UncertainInputsRow((), "this run", known)
     knowledge = replace(stated.knowledge, freed=(run, UncertainInputsRow(("length", "density"), "short run", known)))
     assert knowledge.exact == {}

@@ -15,12 +15,11 @@ from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Unif
 from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.joint import parametrisation_named
 from jointbayes.posterior import Posterior, verdicts
-from jointbayes.posterior.identifiability import WEAK_RATIO, assess
-from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
+from jointbayes.posterior.identifiability import RULE, assess, with_test_alone
+from jointbayes.posterior.limits import FALL, LikelihoodRegion
+from jointbayes.posterior.phrases import Reason
 from jointbayes.posterior.posterior import _profiles
-from jointbayes.posterior.verdicts import LEAST_EXCLUDED, lines_of
 from jointbayes.report.sections.intervals import verdict_sentences
-from jointbayes.rounding import factor as ratio_in_words
 from jointbayes.rounding import quantity_text, with_interval
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE, unsettled
 from tests.posterior.test_verdicts import bound_at_draws, with_cached
@@ -46,8 +45,8 @@ class Stated:
         weight = np.exp(self.log_likelihood(theta) - self.log_likelihood(theta).max())
         return theta[rng.choice(len(theta), count, p=weight / weight.sum())]
 
-    def limits(self, index, fall=FALL_TWO_SIDED, printed=FALL_PRINTED):
-        return LikelihoodRegion(self, self.draws()).limits(index, fall, printed)
+    def limits(self, index):
+        return LikelihoodRegion(self, self.draws()).limits(index)
 
 
 def springs(log_of, *marginals, nuisances=()):
@@ -55,8 +54,8 @@ def springs(log_of, *marginals, nuisances=()):
     return Stated(JointPrior(SPRINGS, marginals, nuisances), log_of)
 
 
-def test_the_falls_are_quantiles_of_chi_square():
-    assert pytest.approx((Z95**2 / 2, 1.3527717, 2.5119431)) == (FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED)
+def test_the_fall_is_a_quantile_of_chi_square():
+    assert pytest.approx(Z95**2 / 2) == FALL
 
 
 def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
@@ -69,9 +68,8 @@ def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
     sd = np.sqrt(np.diag(np.linalg.inv(precision)))
     for index in (0, 1):
         found = springs(log_of).limits(index)
-        for ends, fall in ((found[0], FALL_TWO_SIDED), (found[1], FALL_PRINTED)):
-            reach = math.sqrt(2 * fall) * sd[index]
-            assert np.log(ends) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
+        reach = Z95 * sd[index]
+        assert np.log(found) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
 
 
 def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
@@ -85,7 +83,7 @@ def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
         return end(self, *arguments, **options | ({"steps": 1} if len(calls) <= 2 else {}))
 
     monkeypatch.setattr(LimitClimb, "end", stopped)
-    limits, _ = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    limits = region.limits(0)
     assert np.log(limits) == pytest.approx([centre[0] - Z95 * sd, centre[0] + Z95 * sd], abs=2e-3)
 
 
@@ -119,10 +117,9 @@ def test_limits_of_a_likelihood_that_is_far_narrower_than_its_draws_are_its_own(
 
     draws = np.vstack([np.random.default_rng(3).normal(bulk, 1.2, (2000, 2)), spike])
     for index in (0, 1):
-        found = LikelihoodRegion(springs(log_of), draws).limits(index, FALL_TWO_SIDED, FALL_PRINTED)
-        for ends, fall in zip(found, (FALL_TWO_SIDED, FALL_PRINTED), strict=True):
-            reach = math.sqrt(2 * fall) * math.hypot(along, across) / math.sqrt(2)
-            assert np.log(ends) == pytest.approx([spike[index] - reach, spike[index] + reach], abs=2e-3)
+        found = LikelihoodRegion(springs(log_of), draws).limits(index)
+        reach = Z95 * math.hypot(along, across) / math.sqrt(2)
+        assert np.log(found) == pytest.approx([spike[index] - reach, spike[index] + reach], abs=2e-3)
 
 
 def test_limits_of_a_coupling_that_spans_decades_are_found_at_either_sign():
@@ -136,10 +133,8 @@ def test_limits_of_a_coupling_that_spans_decades_are_found_at_either_sign():
         return -0.5 * ((above / sd) ** 2).sum(axis=1) - 0.5 * (np.minimum(k12, 0.0) / newtons) ** 2
 
     found = Stated(prior, log_of).limits(1)
-    for ends, fall in zip(found, (FALL_TWO_SIDED, FALL_PRINTED), strict=True):
-        reach = math.sqrt(2 * fall)
-        high = math.exp(place.mean() + reach * sd / math.sqrt(2))  # with ρ at one
-        assert ends == pytest.approx([-reach * newtons, high], rel=2e-3)
+    high = math.exp(place.mean() + Z95 * sd / math.sqrt(2))  # with ρ at one
+    assert found == pytest.approx([-Z95 * newtons, high], rel=2e-3)
 
 
 def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured():
@@ -150,10 +145,8 @@ def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured(
         return -0.5 * ((np.exp(-theta).sum(axis=1) - known) / sd) ** 2
 
     found = springs(log_of).limits(0)
-    assert found[0][0] == pytest.approx(1 / (known + Z95 * sd - 1 / high), rel=1e-3)
-    assert math.isnan(found[0][1])
-    assert found[1][0] == pytest.approx(1 / (known + math.sqrt(2 * FALL_PRINTED) * sd - 1 / high), rel=1e-3)
-    assert found[1][1] == pytest.approx(high, rel=1e-6)
+    assert found[0] == pytest.approx(1 / (known + Z95 * sd - 1 / high), rel=1e-3)
+    assert math.isnan(found[1])
 
 
 def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
@@ -166,21 +159,20 @@ def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
     problem = springs(log_of)
     draws = problem.draws()
     near = draws[draws[:, 0] > felt + 0.5]  # those at the edge would show it by themselves
-    (low, high), (farthest, _) = LikelihoodRegion(problem, near).limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    low, high = LikelihoodRegion(problem, near).limits(0)
     assert math.isnan(low)
-    assert farthest == pytest.approx(1e5, rel=1e-6)
     assert high == pytest.approx(1e7 * (known - math.log(1e5) + 0.3 * Z95), rel=1e-3)
 
 
 @pytest.mark.parametrize(("short_by", "is_open"), [(0.3, True), (-0.1, False)])
 def test_an_end_is_open_where_the_prior_ends_before_the_likelihood_has_fallen_far_enough(short_by, is_open):
     centre, sd = math.log(1e7), 0.2
-    edge = centre + sd * math.sqrt(2 * (FALL_TWO_SIDED - short_by))
+    edge = centre + sd * math.sqrt(2 * (FALL - short_by))
 
     def log_of(theta):
         return -0.5 * ((theta - centre) / sd) ** 2 @ np.ones(2)
 
-    (low, high), _ = springs(log_of, Uniform(math.log(1e5), edge), Uniform(math.log(1e5), math.log(1e9))).limits(0)
+    low, high = springs(log_of, Uniform(math.log(1e5), edge), Uniform(math.log(1e5), math.log(1e9))).limits(0)
     assert low == pytest.approx(math.exp(centre - Z95 * sd), rel=2e-3)
     assert math.isnan(high) == is_open
     assert is_open or high == pytest.approx(math.exp(centre + Z95 * sd), rel=2e-3)
@@ -191,11 +183,10 @@ def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""
     posterior = jb.sample(jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml"), seed=1, settings=TO_CONVERGE)
     region, index = posterior.likelihood_region, posterior.stiffness_names.index("k22")
-    profile, found = region.profile("k22"), region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+    profile, found = region.profile("k22"), region.limits(index)
     assert not profile.open_above
-    assert np.log(found[0]) == pytest.approx(profile.interval, abs=1e-9)
-    assert heights_at(region, posterior.problem.names.index("k22"), profile) == pytest.approx(-FALL_TWO_SIDED, abs=1e-3)
-    assert found[1][0] < found[0][0] < found[0][1] < found[1][1]
+    assert np.log(found) == pytest.approx(profile.interval, abs=1e-9)
+    assert heights_at(region, posterior.problem.names.index("k22"), profile) == pytest.approx(-FALL, abs=1e-3)
 
 
 def test_limits_reach_every_mode_that_has_draws():
@@ -205,9 +196,9 @@ def test_limits_reach_every_mode_that_has_draws():
         each = [-0.5 * (((theta - place) / 0.05) ** 2).sum(axis=1) for place in places]
         return np.logaddexp(each[0], each[1] - 0.5)
 
-    low, high = springs(log_of).limits(0)[0]
+    low, high = springs(log_of).limits(0)
     assert low == pytest.approx(1e6 * math.exp(-0.05 * Z95), rel=2e-3)
-    assert high == pytest.approx(3e7 * math.exp(0.05 * math.sqrt(2 * (FALL_TWO_SIDED - 0.5))), rel=2e-3)
+    assert high == pytest.approx(3e7 * math.exp(0.05 * math.sqrt(2 * (FALL - 0.5))), rel=2e-3)
 
 
 def test_a_normal_prior_counts_as_a_measurement_and_a_uniform_one_by_its_bounds_alone():
@@ -217,17 +208,16 @@ def test_a_normal_prior_counts_as_a_measurement_and_a_uniform_one_by_its_bounds_
         return -0.5 * ((theta[:, 0] - centre) / sd) ** 2
 
     wide, high = Uniform(math.log(1e5), math.log(1e9)), math.log(1e7) + 0.3
-    alone = springs(log_of, wide, wide).limits(0)[0]
+    alone = springs(log_of, wide, wide).limits(0)
     assert np.log(alone) == pytest.approx([centre - Z95 * sd, centre + Z95 * sd], abs=1e-3)
-    both = springs(log_of, Normal(centre, sd), wide).limits(0)[0]
+    both = springs(log_of, Normal(centre, sd), wide).limits(0)
     assert np.log(both) == pytest.approx([centre - Z95 * sd / math.sqrt(2), centre + Z95 * sd / math.sqrt(2)], abs=1e-3)
     # uniform in k itself: a volume, and no more
-    of_k = springs(log_of, OfStiffness(Uniform(1e5, 1e9)), wide).limits(0)[0]
+    of_k = springs(log_of, OfStiffness(Uniform(1e5, 1e9)), wide).limits(0)
     assert of_k == pytest.approx(alone, rel=1e-3)
     cut = springs(log_of, Uniform(math.log(1e5), high), wide).limits(0)
-    assert cut[0][0] == pytest.approx(alone[0], rel=1e-3)
-    assert math.isnan(cut[0][1])
-    assert cut[1][1] == pytest.approx(math.exp(high), rel=1e-6)
+    assert cut[0] == pytest.approx(alone[0], rel=1e-3)
+    assert math.isnan(cut[1])
 
 
 def test_the_prior_of_what_else_is_uncertain_is_part_of_the_likelihood():
@@ -237,7 +227,7 @@ def test_the_prior_of_what_else_is_uncertain_is_part_of_the_likelihood():
         return -0.5 * ((theta[:, 0] + theta[:, 2] - centre) / 0.03) ** 2
 
     modulus = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.04))
-    found = springs(log_of, nuisances=(modulus,)).limits(0)[0]
+    found = springs(log_of, nuisances=(modulus,)).limits(0)
     assert np.log(found) == pytest.approx([centre - Z95 * 0.05, centre + Z95 * 0.05], abs=1e-3)
 
 
@@ -249,10 +239,10 @@ def test_limits_of_a_coupling_that_is_no_coordinate_equal_a_search_over_a_grid()
     def log_of(theta):
         return -0.5 * (((theta - place) / sd) ** 2).sum(axis=1)
 
-    low, high = Stated(prior, log_of).limits(1)[0]
+    low, high = Stated(prior, log_of).limits(1)
     axes = np.meshgrid(np.linspace(15.2, 16.9, 120), np.linspace(9.0, 11.0, 120), np.linspace(-0.2, 0.3, 201))
     grid = np.stack([axis.ravel() for axis in axes], axis=1)
-    k12 = signed.values(grid[log_of(grid) >= -FALL_TWO_SIDED])[:, 1]
+    k12 = signed.values(grid[log_of(grid) >= -FALL])[:, 1]
     assert low < 0 < high
     assert (low, high) == pytest.approx((k12.min(), k12.max()), rel=0.01)
     assert low <= k12.min()
@@ -271,15 +261,15 @@ def heights_at(region, at, profile) -> np.ndarray:
 def test_limits_equal_the_ends_of_profiles(cheap_posterior):
     for index, name in enumerate(PAIR.stiffness_names):
         region = cheap_posterior.likelihood_region
-        profile, (limits, _) = region.profile(name), region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
+        profile, limits = region.profile(name), region.limits(index)
         assert np.log(limits) == pytest.approx(profile.interval, abs=1e-9)
-        assert heights_at(region, index, profile) == pytest.approx(-FALL_TWO_SIDED, abs=1e-4)
+        assert heights_at(region, index, profile) == pytest.approx(-FALL, abs=1e-4)
 
 
 def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
     for profile in _profiles(cheap_posterior):
         verdict = cheap_posterior.verdict(profile.name)
-        if verdict.verdict != "identified":
+        if verdict.cls != "identified":
             assert profile.interval == pytest.approx(np.log(verdict.likelihood95), abs=1e-12)
             assert not profile.open_below | profile.open_above
     assert [profile.name for profile in _profiles(cheap_posterior)] == list(PAIR.stiffness_names)
@@ -293,7 +283,7 @@ def test_a_profile_is_open_where_the_limits_are():
         lambda theta: -0.5 * ((theta[:, 0] - known) / sd) ** 2, cut, Uniform(math.log(1e5), math.log(1e9))
     )
     region = LikelihoodRegion(problem, problem.draws())
-    profile, (limits, _) = region.profile("kx"), region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
+    profile, limits = region.profile("kx"), region.limits(0)
     assert (profile.open_below, profile.open_above) == tuple(np.isnan(limits)) == (False, True)
     assert profile.interval == pytest.approx((math.log(limits[0]), high), abs=1e-6)
     with pytest.raises(ModelError, match="no residual depends on ky"):
@@ -303,134 +293,86 @@ def test_a_profile_is_open_where_the_limits_are():
 # ---- what is printed
 
 
-def with_limits(posterior: Posterior, at95: tuple[float, float], printed: tuple[float, float]) -> Posterior:
+def with_limits(posterior: Posterior, low: float, high: float) -> Posterior:
     """A copy of a posterior whose likelihood has other limits."""
-    falls: list[float] = []
-
-    def limits(_index, fall, _printed):
-        falls.append(fall)
-        return at95, printed
-
-    return with_cached(posterior, likelihood_region=SimpleNamespace(limits=limits, falls=falls))
+    return with_cached(posterior, likelihood_region=SimpleNamespace(limits=lambda _: (low, high)))
 
 
-def test_what_is_printed_is_the_more_cautious_end(cheap_posterior):
+def test_a_verdict_has_the_interval_of_the_draws_and_the_limits_of_the_likelihood(cheap_posterior):
     for index, name in enumerate(("k11", "k12")):
         known = cheap_posterior.verdict(name)
-        at95, printed = cheap_posterior.likelihood_region.limits(index, FALL_TWO_SIDED, FALL_PRINTED)
-        assert known.verdict != "identified"
-        assert known.likelihood95 == at95
-        assert known.interval95 == pytest.approx(cheap_posterior.interval(name), rel=1e-12)
-        assert known.printed95 == (min(known.interval95[0], printed[0]), max(known.interval95[1], printed[1]))
-        assert known.printed_by_likelihood == tuple(np.not_equal(known.printed95, known.interval95))
+        assert known.cls != "identified"
+        assert known.likelihood95 == cheap_posterior.likelihood_region.limits(index)
+        assert known.interval == pytest.approx(cheap_posterior.interval(name), rel=1e-12)
     identified = cheap_posterior.verdict("k22")
-    assert identified.verdict == "identified"
-    assert np.isnan([identified.likelihood95, identified.printed95]).all()
-    assert identified.ends == (identified.interval95, identified.interval95_error)
-
-
-@pytest.mark.parametrize("wider", [1.001, 1.5, 3.0])
-def test_the_reason_states_the_ratio_of_the_printed_ends(cheap_posterior, wider):
-    low, high = cheap_posterior.interval("k12")
-    changed = with_limits(cheap_posterior, (low, high), (low / wider, high))
-    known = changed.verdict("k12")
-    assert known.verdict == "weakly identified"
-    printed = known.printed95[1] / known.printed95[0]
-    assert printed == pytest.approx(wider * high / low)
-    limit = f"at most {WEAK_RATIO:g}" if printed <= WEAK_RATIO else f"by the draws alone at most {WEAK_RATIO:g}"
-    assert known.verdict_reason == f"the upper end is {ratio_in_words(printed)} times the lower end, {limit}"
+    assert identified.cls == "identified"
+    assert np.isnan(identified.likelihood95).all()
 
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
     monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
     lost = with_cached(cheap_posterior, likelihood_region=None)
-    assert np.isnan(lost.verdict("k11").printed95).all()
+    assert np.isnan(lost.verdict("k11").likelihood95).all()
     monkeypatch.undo()
     failed = unsettled(lost)
-    assert np.isnan(failed.verdict("k11").printed95).all()
-
-
-def test_each_end_says_where_it_comes_from(cheap_posterior):
-    low, high = cheap_posterior.interval("k12")
-    inside = (low * 1.0001, high / 1.0001)
-    for printed, words in (
-        (inside, ""),
-        ((low / 2, inside[1]), "lower end by likelihood ratio"),
-        ((inside[0], high * 2), "upper end by likelihood ratio"),
-        ((low / 2, high * 2), "both ends by likelihood ratio"),
-    ):
-        changed = with_limits(cheap_posterior, (low, high), printed)
-        known, line = changed.verdict("k12"), " ".join(lines_of("k12", changed.verdict("k12")))
-        assert known.prior_volume == ""
-        drawn = with_interval((known.median, *known.interval95), "N", (known.median_error, *known.interval95_error))
-        assert line.startswith(f"k12: {known.value}: ")
-        assert (f"{words}; by the draws {drawn}" in line) == bool(words)
-        assert (known.ends[0][0] == low / 2) == ("lower" in words or "both" in words)
-        assert (known.ends[0][1] == high * 2) == ("upper" in words or "both" in words)
+    assert np.isnan(failed.verdict("k11").likelihood95).all()
 
 
 @pytest.mark.parametrize(("share", "speaks"), [(0.09, False), (0.11, True)])
-def test_the_volume_speaks_beyond_a_tenth_of_the_interval(cheap_posterior, share, speaks):
+def test_the_test_alone_is_told_beyond_a_tenth_of_the_interval(cheap_posterior, share, speaks):
     low, high = cheap_posterior.interval("k12")
-    for sign in (-1, 1):
-        moved = low * (high / low) ** (sign * share)
-        changed = with_limits(cheap_posterior, (moved, high), (low, high))
-        said = changed.verdict("k12").prior_volume
-        assert bool(said) == speaks
-        assert said in " ".join(lines_of("k12", changed.verdict("k12")))
-        if speaks:
-            alone, drawn = (quantity_text(end, "N") for end in (moved, low))
-            ends = f"the test alone sets the lower end at {alone}, the draws at {drawn}"
-            assert said == f"part of this rests on the prior: {ends}"
-            assert f"{said[0].upper()}{said[1:]}." in verdict_sentences(changed.summary())
-    none = with_limits(cheap_posterior, (low, math.nan), (low, 2 * high)).verdict("k12")
-    assert none.prior_volume.endswith(f"the test alone sets no upper end, the draws at {quantity_text(high, 'N')}")
-    assert none.source.startswith("upper end as far as the priors reach; by the draws ")
-    both = with_limits(cheap_posterior, (low / 2, math.nan), (low / 2, 2 * high)).verdict("k12")
-    assert both.source.startswith("lower end by likelihood ratio, upper end as far as the priors reach; ")
-    neither = with_limits(cheap_posterior, (math.nan, math.nan), (low / 2, 2 * high)).verdict("k12")
-    assert neither.source.startswith("both ends as far as the priors reach; ")
+    width = high / low
+    for moved, prior in (
+        ((low * width**share, high), "below that the prior decides"),
+        ((low, high / width**share), "above that the prior decides"),
+        ((low * width**share, high / width**share), "outside that the prior decides"),
+        ((low / width**share, high), "the prior narrows it"),
+        ((low, high * width**share), "the prior narrows it"),
+    ):
+        changed = with_limits(cheap_posterior, *moved)
+        told = [str(because) for because in changed.verdict("k12").reasons if because.reason is Reason.TEST_ALONE]
+        assert told == ([f"the test alone: {with_interval(moved, 'N')}; {prior}"] if speaks else [])
+        assert all(text in verdict_sentences(changed.summary()) for text in told)
+
+
+def test_an_end_that_the_likelihood_leaves_open_is_told_as_open(cheap_posterior):
+    low, high = cheap_posterior.interval("k12")
+    for ends, alone in (
+        ((low, math.nan), f"above {quantity_text(low, 'N')}"),
+        ((math.nan, high), f"below {quantity_text(high, 'N')}"),
+        ((math.nan, math.nan), "no limit"),
+    ):
+        known = replace(cheap_posterior.verdict("k12"), reasons=())
+        (because,) = with_test_alone(known, ends).reasons
+        assert str(because) == f"the test alone: {alone}; the prior narrows it"
 
 
 def test_a_sign_that_the_likelihood_leaves_open_is_compared_on_the_plain_scale():
-    known = replace(assess(np.linspace(0.1, 2.1, 1000), np.linspace(0.1, 9.0, 1000)), printed95=(-0.5, 2.1))
-    low, high = known.interval95
-    assert replace(known, likelihood95=(-0.5, high)).prior_volume.startswith(
-        "part of this rests on the prior: the test alone sets the lower end at "
-    )
+    known = replace(assess(np.linspace(0.1, 2.1, 1000), np.linspace(0.1, 9.0, 1000)), reasons=())
+    low, high = known.interval
+    assert with_test_alone(known, (-0.5, high)).reasons
     assert low - 0.09 * (high - low) < 0
-    assert not replace(known, likelihood95=(low - 0.09 * (high - low), high)).prior_volume
+    assert not with_test_alone(known, (low - 0.09 * (high - low), high)).reasons
 
 
-def test_a_one_sided_limit_is_the_more_cautious_one(cheap_posterior):
-    for side, probability, pick in (("upper", 0.05, min), ("lower", 0.95, max)):
-        drawn = float(np.quantile(cheap_posterior.values("k22"), probability))
-        for factor in (0.5, 2.0):
-            closed = {"low" if side == "upper" else "high": drawn * factor}
-            known = bound_at_draws(cheap_posterior, side, **closed).verdict("k22")
-            assert known.verdict == f"bounded {'below' if side == 'upper' else 'above'}"
-            assert known.printed_limit == pick(drawn, drawn * factor)
-
-
-def test_a_limit_that_the_likelihood_does_not_set_is_none(cheap_posterior):
+def test_a_limit_that_excludes_little_of_the_prior_is_none(cheap_posterior):
     prior = cheap_posterior.prior_values("k22")
     for share, verdict in ((0.5, "not identified"), (1.5, "bounded below")):
-        limit = float(np.quantile(prior, share * LEAST_EXCLUDED))
+        limit = float(np.quantile(prior, share * RULE.excluded))
         known = bound_at_draws(cheap_posterior, "upper", low=limit).verdict("k22")
-        assert known.verdict == verdict
-        assert bool(known.limit) == (verdict == "bounded below")
-        assert ("by likelihood the data exclude less than 10 % of the prior" in known.verdict_reason) == (share < 1)
+        assert known == verdict
+        assert math.isfinite(known.limit) == (verdict == "bounded below")
+        assert (Reason.EXCLUDES_LITTLE in {because.reason for because in known.reasons}) == (share < 1)
 
 
-def test_the_summary_has_both_intervals_and_what_is_printed(cheap_posterior):
+def test_the_summary_has_one_interval_and_the_limits(cheap_posterior):
     for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_json()))["parameters"].items():
         known = cheap_posterior.verdict(name)
-        assert tuple(entry["interval95"]) == known.interval95
-        for key in ("likelihood95", "printed95"):
-            ends = getattr(known, key)
-            assert entry[key] == [end if math.isfinite(end) else None for end in ends]
-        assert entry["printed_by_likelihood"] == list(known.printed_by_likelihood)
-        assert entry["prior_volume"] == known.prior_volume
+        assert tuple(entry["interval95"]) == known.interval
+        assert entry["likelihood95"] == [end if math.isfinite(end) else None for end in known.likelihood95]
+        assert entry["limit"] is None
+        assert [reason["text"] for reason in entry["reasons"]] == [str(because) for because in known.reasons]
+        assert [reason["code"] for reason in entry["reasons"]] == [because.reason.value for because in known.reasons]
     table = str(cheap_posterior.summary())
     assert cheap_posterior.verdict("k11").value in table
 
@@ -448,6 +390,4 @@ def test_a_thin_ridge_is_followed_round_its_bend_to_the_limit(width, bend):
         return -0.5 * ((theta[:, 0] / 2) ** 2 + ((theta[:, 1] - bend * theta[:, 0] ** 2) / width) ** 2)
 
     region = LikelihoodRegion(SimpleNamespace(prior=prior, log_likelihood=log_likelihood), draws)
-    near, printed = region.limits(0, FALL_TWO_SIDED, FALL_PRINTED)
-    for ends, fall in ((near, FALL_TWO_SIDED), (printed, FALL_PRINTED)):
-        np.testing.assert_allclose(np.log(ends), 2 * math.sqrt(2 * fall) * np.array([-1, 1]), rtol=1e-3)
+    np.testing.assert_allclose(np.log(region.limits(0)), 2 * Z95 * np.array([-1, 1]), rtol=1e-3)

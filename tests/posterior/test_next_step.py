@@ -91,7 +91,7 @@ def _information(problem, theta, ports):
 
 
 def test_the_forecast_is_for_the_stiffness_that_is_known_least(cheap_posterior, judged):
-    widest = max(judged, key=lambda name: ratio_of(judged[name].interval95))
+    widest = max(judged, key=lambda name: ratio_of(judged[name].interval))
     assert next_step(cheap_posterior, None, judged).quantity == widest
     for name in ("k11", "k22"):  # of two with one verdict
         wide = {other: replace(judged["k12"], ratio=50.0 if other == name else 2.0) for other in judged}

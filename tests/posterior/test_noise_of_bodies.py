@@ -12,7 +12,7 @@ from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
 from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
-from jointbayes.posterior.verdicts import lines_of
+from jointbayes.posterior.verdicts import reason_lines
 from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Lights, Table
@@ -38,7 +38,7 @@ def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
     assert found is not None
     assert found.within
     assert "is propagated to first order" in found.sentence
-    assert "ignored" not in " ".join(lines_of("k11", posterior.verdict("k11")))
+    assert "ignored" not in " ".join(reason_lines(posterior.verdict("k11")))
     assert posterior.check.explains
     assert found.sentence in on_one_line(posterior.summary())
 
@@ -48,7 +48,7 @@ def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior
     for name in ignoring.stiffness_names:
         known = ignoring.verdict(name)
         assert "the noise of the measured body spindle is ignored, so that the interval is too narrow" in (
-            known.verdict_reason
+            known.because
         )
         low, high = np.log(ignoring.interval(name))
         wide = np.log(posterior.interval(name))

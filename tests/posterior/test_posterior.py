@@ -57,7 +57,7 @@ def test_intervals_are_equal_tailed(cheap_posterior):
         assert np.mean(values > high) == pytest.approx(0.1, abs=1 / values.size)
         wide = cheap_posterior.interval(name)
         assert wide[0] < low < high < wide[1]
-        assert wide == pytest.approx(cheap_posterior.verdict(name).interval95, rel=1e-12)
+        assert wide == pytest.approx(cheap_posterior.verdict(name).interval, rel=1e-12)
 
 
 def test_the_mode_refined_from_the_best_draw_is_the_map(cheap_posterior, frequency_posterior):
@@ -130,11 +130,11 @@ WIDE_PRIOR = np.exp(np.linspace(-10.0, 10.0, 41))
 )
 def test_the_verdict_turns_exactly_at_its_ratios(high, verdict):
     known = assess(draws_between(1.0, high), WIDE_PRIOR)
-    assert known.interval95 == (1.0, high)
-    assert (known.ratio, known.verdict) == (high, verdict)
+    assert known.interval == (1.0, high)
+    assert (known.ratio, known.cls) == (high, verdict)
     negative = assess(-draws_between(1.0, high), WIDE_PRIOR)
-    assert (negative.ratio, negative.verdict) == (high, verdict)
-    assert negative.interval95 == (-high, -1.0)
+    assert (negative.ratio, negative.cls) == (high, verdict)
+    assert negative.interval == (-high, -1.0)
 
 
 @pytest.mark.parametrize(("contraction", "verdict"), [(0.4999, "not identified"), (0.5001, "identified")])
@@ -144,16 +144,16 @@ def test_a_prior_that_was_as_narrow_identifies_nothing(contraction, verdict):
     known = assess(posterior, prior)
     assert known.contraction == pytest.approx(contraction, abs=1e-12)
     assert known.sd_log == pytest.approx(np.log(posterior).std())
-    assert known.verdict == verdict
+    assert known.cls == verdict
 
 
 def test_a_stiffness_of_either_sign_is_not_identified_however_narrow():
     posterior = np.linspace(-0.01, 1.0, 41)
     known = assess(posterior, np.linspace(-100.0, 100.0, 41))
-    assert (known.ratio, known.verdict) == (np.inf, "not identified")
+    assert (known.ratio, known.cls) == (np.inf, "not identified")
     assert np.isnan(known.sd_log)
     assert known.contraction == pytest.approx(1 - posterior.var() / np.linspace(-100.0, 100.0, 41).var())
-    assert assess(np.append(draws_between(1.0, 1.1), 0.0), WIDE_PRIOR).verdict == "not identified"
+    assert assess(np.append(draws_between(1.0, 1.1), 0.0), WIDE_PRIOR).cls == "not identified"
 
 
 def test_the_region_level_is_the_share_of_draws_with_a_higher_density(cheap_posterior):
@@ -327,18 +327,17 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, 
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
     summary = json.loads(json.dumps(summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json(), allow_nan=False))
-    assert (summary["schema_version"], summary["case"], summary["seed"]) == (4, "cheap", 1)
+    assert (summary["schema_version"], summary["case"], summary["seed"]) == (5, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
         p, values = summary["parameters"][name], cheap_posterior.values(name)
-        assert (p["mode"], p["map"]) == (cheap_posterior.mode[name], cheap_posterior.estimate.values[i])
-        assert (p["mean"], p["median"]) == pytest.approx((values.mean(), np.median(values)))
+        assert p["map"] == cheap_posterior.estimate.values[i]
+        assert p["median"] == pytest.approx(np.median(values))
         assert p["sd_log"] == pytest.approx(np.log(values).std())
         assert p["interval95"] == pytest.approx(cheap_posterior.interval(name), rel=1e-12)
         prior = cheap_posterior.prior_values(name)
-        assert p["prior_interval95"] == np.quantile(prior, [0.025, 0.975]).tolist()
         assert p["contraction"] == pytest.approx(1 - np.log(values).var() / np.log(prior).var())
-        assert p["verdict"] == cheap_posterior.verdict(name).verdict
+        assert p["verdict"] == cheap_posterior.verdict(name).cls
         assert 0.99 < p["r_hat"] == cheap_posterior.record.r_hat[name] < 1.01
         assert 400 < p["ess_bulk"] < 2 * values.size
         assert 400 < p["ess_tail"] != p["ess_bulk"]

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from jointbayes.posterior.identifiability import Identifiability
-from jointbayes.posterior.verdicts import lines_of
+from jointbayes.posterior.identifiability import Verdict
+from jointbayes.posterior.verdicts import line_of
 from jointbayes.rounding import engineering, interval, rounded, rounded_interval, with_interval
 
 NAN = math.nan
@@ -43,15 +43,13 @@ def test_a_number_alone_is_told_as_in_a_row_of_one():
 
 
 def test_a_median_and_the_ends_of_its_interval_are_told_alike():
-    known = Identifiability(
-        (99210.0, 100673.0), 1.01, 0.01, 0.99, "identified", "", 99936.0, 12.0, (40.0, 40.0), unit="N·m/rad"
-    )
+    errors = {"median_error": 12.0, "interval_error": (40.0, 40.0)}
+    known = Verdict("identified", (99210.0, 100673.0), 99936.0, "N·m/rad", **errors)
     assert known.value == "99.9 (99.2 to 100.7) kN·m/rad"
-    (line,) = lines_of("krz", known)
-    assert line.startswith("krz: 99.9 (99.2 to 100.7) kN·m/rad: identified")
-    bounded = replace(known, verdict="bounded below", limit95=4.482e5)
-    assert bounded.value == bounded.limit == "above 448 kN·m/rad (95 %)"
-    assert replace(bounded, verdict="bounded above").value == "below 448 kN·m/rad (95 %)"
+    assert line_of("krz", known) == "krz = 99.9 (99.2 to 100.7) kN·m/rad: identified"
+    bounded = replace(known, cls="bounded below", limit=4.482e5)
+    assert line_of("krz", bounded) == "krz above 448 kN·m/rad: bounded below"
+    assert replace(bounded, cls="bounded above").value == "below 448 kN·m/rad"
 
 
 @pytest.mark.parametrize(

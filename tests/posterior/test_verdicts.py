@@ -10,15 +10,11 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior import summarise, verdicts
-from jointbayes.posterior.identifiability import (
-    IDENTIFIED_RATIO,
-    WEAK_RATIO,
-    ExactInputs,
-    Identifiability,
-)
-from jointbayes.posterior.verdicts import DECADE, LEAST_EXCLUDED, REACH, bounds_within_reach, lines_of
+from jointbayes.posterior.identifiability import RULE, ExactInputs, Verdict, VerdictRule
+from jointbayes.posterior.phrases import PHRASES, Reason
+from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines
 from jointbayes.report.markup import badge
-from jointbayes.rounding import factor, number, one_sided, quantity_text, rounded, rounded_interval
+from jointbayes.rounding import factor, quantity_text, rounded, rounded_interval
 from tests.conftest import TO_CONVERGE, edited, first_in_ci, judged_as, of_case, shipped_text, unsettled
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -65,12 +61,12 @@ def test_each_end_has_its_own_digits_and_a_factor_near_one_shows_its_excess():
 def test_errors_of_median_and_ends_are_of_the_size_that_the_effective_draws_allow(cheap_posterior):
     known = cheap_posterior.verdict("k22")
     values = cheap_posterior.values("k22")
-    errors = (known.interval95_error[0], known.median_error, known.interval95_error[1])
+    errors = (known.interval_error[0], known.median_error, known.interval_error[1])
     for probability, error in zip((0.025, 0.5, 0.975), errors, strict=True):
         step = math.sqrt(probability * (1 - probability) / values.size)  # of independent draws
         independent = np.ptp(np.quantile(values, [probability - step, probability + step])) / 2
         assert 0.9 * independent < error < 3 * independent
-    assert max(errors) < 0.03 * (known.interval95[1] - known.interval95[0])
+    assert max(errors) < 0.03 * (known.interval[1] - known.interval[0])
 
 
 # ---- failed runs
@@ -84,35 +80,74 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
         cheap_posterior.problem, prior=dataclasses.replace(prior, marginals=(low11, prior.marginals[1], low22))
     )
     failed = unsettled(dataclasses.replace(cheap_posterior, problem=problem))
-    bound = f"its draws reach the prior's upper bound {number(math.exp(high))} N·m/rad"
-    assert failed.verdict("k22").verdict_reason == f"the calculation has not settled; {bound}"
-    assert failed.verdict("k11").verdict_reason == "the calculation has not settled"
+    bound = f"its draws reach the prior's upper bound {quantity_text(math.exp(high), 'N·m/rad')}"
+    assert failed.verdict("k22").because == f"the calculation has not settled; {bound}"
+    assert failed.verdict("k11").because == "the calculation has not settled"
     default = of_case(failed, default_priors={"k22"})
-    reach = f"its draws reach the default range up to {quantity_text(math.exp(high), 'N·m/rad')}"
-    assert default.verdict("k22").verdict_reason == f"the calculation has not settled; {reach}"
+    reach = f"its draws reach the end of the default range {quantity_text(math.exp(high), 'N·m/rad')}"
+    assert default.verdict("k22").because == f"the calculation has not settled; {reach}"
 
 
 # ---- a model that does not explain the data
 
 
 def judged(verdict, **more):
-    return Identifiability((1.0, 2.0), 2.0, 0.1, 0.9, verdict, "", 1.5, **more)
+    return Verdict(verdict, (1.0, 2.0), 1.5, **more)
 
 
 @pytest.mark.parametrize("verdict", ["identified", "weakly identified", "bounded below", "bounded above"])
-def test_a_conditional_verdict_is_never_green(verdict):
-    plain = badge(judged(verdict).words)
-    conditional = badge(judged(verdict, if_model_right=True).words)
-    assert plain is not None
-    assert conditional is not None
-    assert (conditional.kind, conditional.symbol) == ("bad", "✗")
+def test_a_verdict_says_under_which_conditions_it_holds(verdict):
+    plain, right = judged(verdict), judged(verdict, if_model_right=True)
+    assert (str(plain), plain.conditions, badge(plain.words).kind) == (
+        verdict, (), "good" if verdict == "identified" else "caution",
+    )  # fmt: skip
+    assert (right.conditions, badge(right.words).kind) == (("model",), "bad")
     exact = judged(verdict, exact=ExactInputs(("length",), None))
-    assert exact.words == f"{verdict} only if length is exact"
-    under = badge(exact.words)
-    assert badge(dataclasses.replace(exact, exact=ExactInputs(("length",), None, looked_at=False)).words) == under
-    assert (under.kind, under.symbol) == ("caution", "~")
-    assert plain.kind == ("good" if verdict == "identified" else "caution")
-    assert badge("no verdict").kind == "bad"
+    assert (exact.words, exact.conditions) == (f"{verdict}, if length is exact", ("length",))
+    assert badge(exact.words) is None  # a page says the condition in the head of its column
+    same = judged(verdict, exact=ExactInputs(("length",), plain))
+    assert (same.words, same.conditions) == (verdict, ())
+    assert same.next_to_it == f"with length uncertain {plain.value}"
+
+
+def test_a_verdict_equals_the_name_of_its_class():
+    assert judged("identified") == "identified" != judged("bounded below")
+    assert judged("identified") == judged("identified")
+    assert judged("identified") != judged("identified", limit=3.0)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        judged("identified").cls = "not identified"
+
+
+def test_every_reason_has_a_phrase_and_a_code_of_its_own():
+    assert set(PHRASES) == set(Reason)
+    assert len({reason.value for reason in Reason}) == len(Reason)
+
+
+# ---- thresholds
+
+
+def test_a_case_states_the_thresholds_of_a_stiffness(cheap_posterior):
+    ratio = cheap_posterior.verdict("k22").ratio
+    for identified, verdict in ((1.001 * ratio, "identified"), (0.999 * ratio, "weakly identified")):
+        stated = of_case(cheap_posterior, verdict_rules={"k22": VerdictRule(identified=identified)})
+        known = stated.verdict("k22")
+        assert known == verdict
+        assert known.reasons[0].numbers["most"] == identified
+        assert f"(limit {identified:g})" in known.because
+        assert stated.verdict("k11").cls == cheap_posterior.verdict("k11").cls
+    contracted = of_case(cheap_posterior, verdict_rules={"k22": VerdictRule(contraction=0.99999)})
+    assert contracted.verdict("k22") == "not identified"
+    assert contracted.verdict("k22").reasons[0].reason is Reason.LITTLE
+
+
+def test_a_case_file_states_them(cheap_case):
+    text = f"{cheap_case.source.text}\n[verdict.k22]\nidentified = 1.02\n"
+    case = jb.case_from_text("strict", text)
+    assert case.verdict_rules == {"k22": VerdictRule(identified=1.02)}
+    assert cheap_case.verdict_rules == {}
+    for wrong in ({"identified": 1.0}, {"identified": 4.0}, {"contraction": 1.0}):
+        with pytest.raises(jb.ModelError, match="verdict: found VerdictRule"):
+            VerdictRule(**wrong)
 
 
 # ---- in numbers
@@ -159,13 +194,10 @@ def bound_at_draws(posterior, *sides, low=math.nan, high=math.nan):
     problem = dataclasses.replace(
         posterior.problem, prior=dataclasses.replace(prior, marginals=(*prior.marginals[:2], held))
     )
-    printed = tuple(
-        math.exp(end) if math.isnan(limit) else limit for limit, end in zip((low, high), held.support, strict=True)
-    )
     known = posterior.likelihood_region
 
-    def limits(index, *falls):
-        return ((low, high), printed) if index == 2 else known.limits(index, *falls)
+    def limits(index):
+        return (low, high) if index == 2 else known.limits(index)
 
     region = SimpleNamespace(limits=limits)
     return with_cached(dataclasses.replace(posterior, problem=problem), likelihood_region=region)
@@ -175,35 +207,35 @@ def bound_at_draws(posterior, *sides, low=math.nan, high=math.nan):
 def test_an_end_that_the_likelihood_leaves_open_at_a_bound_makes_a_one_sided_limit(cheap_posterior, side, verdict):
     closed = {"low": 1.4e6} if side == "upper" else {"high": 1.7e6}
     known = bound_at_draws(cheap_posterior, side, **closed).verdict("k22")
-    assert known.verdict == verdict
-    assert known.limit95 == np.quantile(cheap_posterior.values("k22"), 0.05 if side == "upper" else 0.95)
-    assert known.verdict_reason.startswith(f"the prior's {side} bound ")
-    assert known.verdict_reason.endswith(" N·m/rad limits it")
-    line = " ".join(lines_of("k22", known))
-    limit, drawn = (
-        one_sided("above" if side == "upper" else "below", end, "N·m/rad") for end in (*closed.values(), known.limit95)
-    )
+    assert known == verdict
+    (limit,) = closed.values()
     assert known.limit == limit
-    assert f"by likelihood ratio; by the draws {drawn}" in line
+    assert known.interval == cheap_posterior.interval("k22")  # of the draws, whatever is printed
+    (because,) = known.reasons
+    assert (because.reason, because.numbers["side"]) == (Reason.OPEN, side)
+    assert str(because).startswith(f"the test sets no {side} limit before the prior's {side} bound ")
+    beyond = "above" if side == "upper" else "below"
+    assert line_of("k22", known).startswith(f"k22 {beyond} {quantity_text(limit, 'N·m/rad')}: {verdict}")
 
 
 def test_a_bound_that_draws_reach_and_the_likelihood_does_not_need_changes_nothing(cheap_posterior):
     known = bound_at_draws(cheap_posterior, "upper", low=1.4e6, high=1.7e6).verdict("k22")
-    assert known.verdict == cheap_posterior.verdict("k22").verdict == "identified"
-    assert not known.limit
+    assert known.cls == cheap_posterior.verdict("k22").cls == "identified"
+    assert math.isnan(known.limit)
 
 
 def test_ends_that_are_open_on_both_sides_identify_nothing(cheap_posterior):
     known = bound_at_draws(cheap_posterior, "lower", "upper").verdict("k22")
-    assert known.verdict == "not identified"
-    assert "limit it on both sides" in known.verdict_reason
+    assert known.cls == "not identified"
+    assert known.reasons[0].reason is Reason.OPEN_BOTH
 
 
 def test_of_many_unknowns_a_bound_that_the_draws_reach_counts_as_open(cheap_posterior, monkeypatch):
     monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
     posterior = with_cached(bound_at_draws(cheap_posterior, "upper"), likelihood_region=None)
-    assert posterior.verdict("k22").verdict == "bounded below"
-    assert posterior.verdict("k11").verdict == "not identified"
+    assert posterior.verdict("k22") == "bounded below"
+    assert posterior.verdict("k22").limit == cheap_posterior.interval("k22")[0]
+    assert posterior.verdict("k11").cls == "not identified"
 
 
 _BEYOND = [
@@ -221,8 +253,8 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(name, edits):
     settings = dataclasses.replace(TO_CONVERGE, max_steps=20_000)
     posterior = jb.sample(jb.case_from_text("beyond", text), seed=1, settings=settings)
     known = posterior.verdict(name)
-    assert known.verdict in ("bounded below", "bounded above", "not identified")
-    assert "bound" in " ".join(lines_of(name, known))
+    assert known.cls in ("bounded below", "bounded above", "not identified")
+    assert "bound" in f"{known.words} {' '.join(reason_lines(known))}"
 
 
 # ---- words
@@ -233,7 +265,7 @@ def test_the_page_on_verdicts_has_the_constants_of_the_rule():
     page = (DOCS / "identifiability.md").read_text(encoding="utf-8")
     for words in (
         f"{100 * REACH:g} % of the mass",
-        f"{100 * LEAST_EXCLUDED:g} % of the",
+        f"{100 * RULE.excluded:g} % of the",
     ):
         assert words in page
-    assert f": identified up to {IDENTIFIED_RATIO:g}, weakly identified up to {WEAK_RATIO:g}." in page
+    assert f": identified up to {RULE.identified:g}, weakly identified up to {RULE.weakly_identified:g}." in page

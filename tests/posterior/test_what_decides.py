@@ -11,6 +11,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
+from jointbayes.posterior.phrases import Because, Reason
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
@@ -96,8 +97,8 @@ KNOWN = replace(assess(np.exp(0.01 * np.random.default_rng(1).normal(size=4000))
 
 
 def test_what_the_range_of_a_prior_decides_is_said_with_its_figure():
-    reason = "the prior's lower bound 1e4 N limits it, and the data exclude only 2 % of the prior"
-    held = replace(KNOWN, verdict="not identified", verdict_reason=reason)
+    bound = Because(Reason.OPEN, {"side": "lower", "bound": 1e4, "unit": "N", "default": False})
+    reason, held = str(bound), replace(KNOWN, cls="not identified", reasons=(bound,))
     rows = UncertainInputsRow((), "this run", {"k": KNOWN}), UncertainInputsRow(("length",), "none", {"k": held})
     assert range_sentences(SimpleNamespace(freed=rows)) == (f"With length uncertain the prior decides on k: {reason}.",)
     assert range_sentences(SimpleNamespace(freed=())) == ()

@@ -99,7 +99,7 @@ def test_cards_say_median_interval_and_verdict(cheap_posterior, tmp_path, progra
     for name, factor, unit in (("k11", 1e-3, "N/mm"), ("k12", 1.0, "N"), ("k22", 1e3, "N*mm/rad")):
         known = cheap_posterior.verdict(name)
         factor, unit = (factor, unit) if units != "SI" else (1.0, unit.replace("mm", "m"))
-        verdict = known.verdict if "identified" in known.verdict and known.verdict[0] != "n" else known.verdict.upper()
+        verdict = known.cls if "identified" in known.cls and known.cls[0] != "n" else known.cls.upper()
         assert f"{name} = {known.median * factor:.10g} {unit}, 95 % interval " in said
         assert f": {verdict}" in said
     assert "NOT IDENTIFIED" in said

@@ -5,7 +5,7 @@ import datetime
 import pytest
 from benchmarks.reference_pages import glossary
 
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO
+from jointbayes.posterior.identifiability import RULE
 from jointbayes.report.guides import guide_of, packaged, terms, with_guides
 from jointbayes.report.html import render_html
 from jointbayes.report.methods import terms_section
@@ -56,8 +56,8 @@ def test_the_terms_state_the_limits_of_the_program():
         name: terms()[name] for name in ("prior", "identified")
     }
     meaning = terms()["identified"]
-    assert f"at most {IDENTIFIED_RATIO:g} times" in meaning
-    assert f"at most {WEAK_RATIO:g} times" in meaning
+    assert f"at most {RULE.identified:g} times" in meaning
+    assert f"at most {RULE.weakly_identified:g} times" in meaning
     assert f"at {SamplerSettings().r_hat_max:g} or more" in terms()["R-hat"]
     assert all(f"| {meaning} |" in "\n".join(glossary()).replace("\\", "") for meaning in terms().values())
     report = Report("Clamp", "", (), (section,), datetime.date(2026, 1, 5), "0")

@@ -123,7 +123,7 @@ def test_draws_without_walkers_are_called_independent_and_have_no_figures_of_cha
         (lambda i: with_check(i, whiteness=None), "ljung1978", False),
         (lambda i: changed(i, knowledge=SimpleNamespace(profiles=(1,), simpler=())), "raue2009", True),
         (lambda i: changed(i, knowledge=SimpleNamespace(profiles=(), simpler=(1,))), "wilks1938", True),
-        (lambda i: of_k22(i, printed95=(1.0, 2.0)), "neale1997", True),
+        (lambda i: of_k22(i, limit=1.0), "neale1997", True),
     ],
 )
 def test_only_what_ran_is_cited(inputs, change, key, cited):

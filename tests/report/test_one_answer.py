@@ -75,7 +75,7 @@ SILENT = {
     "measured_frequencies_hz", "mesh", "mode", "mode_agrees", "mode_distance", "mode_log_density", "mode_theta",
     "model_error", "noise_of_bodies", "predict", "predict_frf", "predict_left_out", "predict_natural_frequencies",
     "premises_sentences", "prior_stiffness", "prior_values", "problem", "reason", "record", "region_level", "rows",
-    "solutions", "stiffness_names", "theta", "thinned", "tree", "unit", "unseen_inputs",
+    "rule", "solutions", "stiffness_names", "theta", "thinned", "tree", "unit", "unseen_inputs",
 }  # fmt: skip
 
 
@@ -139,12 +139,12 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
         known, line = posterior.verdict(name), line_of(name, posterior.verdict(name))
         assert repr(summary.parameters[name].known) == repr(known)
         assert repr(again.verdict(name)) == repr(known)
-        np.testing.assert_allclose([posterior.interval(name), again.interval(name)], [known.interval95] * 2, rtol=1e-12)
-        np.testing.assert_allclose(frame.loc[name, ["low95", "high95"]].tolist(), known.interval95, rtol=1e-12)
-        np.testing.assert_allclose(told[name]["interval95"], known.interval95, rtol=1e-12)
-        assert {told[name]["verdict"], frame.loc[name, "verdict"]} == {known.verdict}
-        exact = told[name]["only_if_exact"]
-        assert (None if exact is None else tuple(exact["quantities"])) == (known.exact and known.exact.quantities)
+        np.testing.assert_allclose([posterior.interval(name), again.interval(name)], [known.interval] * 2, rtol=1e-12)
+        np.testing.assert_allclose(frame.loc[name, ["low95", "high95"]].tolist(), known.interval, rtol=1e-12)
+        np.testing.assert_allclose(told[name]["interval95"], known.interval, rtol=1e-12)
+        assert {told[name]["verdict"], frame.loc[name, "verdict"]} == {known.cls}
+        assert tuple(told[name]["conditions"]) == known.conditions
+        assert [reason["text"] for reason in told[name]["reasons"]] == [str(because) for because in known.reasons]
         of_draws = float(np.median(posterior.values(name)))
         assert told[name]["median"] == pytest.approx(of_draws) == pytest.approx(known.median)
         assert of_draws == pytest.approx(float(np.median(posterior.draws[name])))

@@ -13,7 +13,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import DirectSolve
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.identifiability import verdict_by_rule
+from jointbayes.posterior.identifiability import RULE, judge_by_rule
 from jointbayes.structure import beam
 from tests.conftest import CLAMP, CONFIGS, STEEL, TABLE_3, edited, pair_matrix, rod
 from tests.oracles import differences
@@ -141,7 +141,7 @@ def test_the_table_of_what_is_free_is_that_of_the_documentation(columns, outputs
 
 
 def verdicts(known):
-    return {name: verdict_by_rule(np.exp(min(2 * 1.96 * sd, 700.0)), 1.0)[0] for name, sd in known.items()}
+    return {name: judge_by_rule(RULE, np.exp(min(2 * 1.96 * sd, 700.0)), 1.0)[0] for name, sd in known.items()}
 
 
 def test_the_tip_alone_loses_k12_and_k22_and_an_accelerometer_at_mid_span_brings_them_back(columns):

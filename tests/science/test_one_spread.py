@@ -50,24 +50,15 @@ def figures_of(values):
 
 
 def printed_of(quantity, posterior, summary):
-    """Interval and ratio as they are to be printed: of the draws, at an end of a stiffness that of the likelihood."""
-    ends, ratio = figures_of(values_of(quantity, posterior))
-    entry = summary["parameters"].get(quantity)
-    if entry is None:
-        return ends, ratio
-    moved = zip(entry["printed_by_likelihood"], entry["printed95"], ends, strict=True)
-    low, high = (by_likelihood if which else drawn for which, by_likelihood, drawn in moved)
-    return (low, high), math.inf if math.isinf(ratio) else max(high / low, low / high)
+    """Interval and ratio as they are to be printed: of the draws."""
+    del summary
+    return figures_of(values_of(quantity, posterior))
 
 
 def limit_of(name, values, end, summary):
-    """Lower (0) or upper (1) limit of a bounded quantity: that of the draws, or of the likelihood if more cautious."""
-    entry = summary["parameters"].get(name)
-    if entry is not None and entry["printed_by_likelihood"][end]:
-        drawn, printed = entry["limit95"], entry["printed95"][end]
-        assert printed > drawn if end else printed < drawn
-        return printed
-    return np.quantile(values, 0.95 if end else 0.05)
+    """Lower (0) or upper (1) limit of a bounded quantity."""
+    del values, end
+    return summary["parameters"][name]["limit"]
 
 
 def of_the_rule(ratio):

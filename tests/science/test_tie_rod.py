@@ -29,7 +29,7 @@ def verdicts(count):
         low, high = posterior.interval(name, 0.95)
         assert low < truth < high
     krz, force = (np.log(posterior.draws[name].values.ravel()) for name in names)
-    return [posterior.verdict(name).verdict for name in names], float(np.corrcoef(krz, force)[0, 1])
+    return [posterior.verdict(name).cls for name in names], float(np.corrcoef(krz, force)[0, 1])
 
 
 def test_two_frequencies_do_not_tell_force_and_rotation_apart_and_five_do():

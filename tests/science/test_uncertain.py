@@ -153,4 +153,4 @@ def test_no_verdict_depends_on_whether_the_prior_allows_a_coupling_of_either_sig
     as_shipped, as_main = (jb.sample(jb.case_from_text(name, each), seed=1) for each in (text, other))
     assert as_main.problem.parametrisation.names == ("k11", "k12", "k22")
     for k in ("k11", "k12", "k22"):
-        assert as_shipped.verdict(k).verdict == as_main.verdict(k).verdict
+        assert as_shipped.verdict(k).cls == as_main.verdict(k).cls

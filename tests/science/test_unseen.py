@@ -74,7 +74,7 @@ def test_what_the_data_cannot_see_keeps_its_prior_and_is_not_identified(posterio
 @pytest.mark.parametrize("name", ["k22", "damping_ratio_1"])
 def test_what_the_data_see_does_not_keep_it(posterior, name):
     assert p_value(posterior, name) < 1e-6
-    assert posterior.verdict(name).verdict != "not identified"
+    assert posterior.verdict(name).cls != "not identified"
 
 
 def test_a_prior_a_tenth_narrower_would_be_noticed(posterior):

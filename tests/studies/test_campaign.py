@@ -237,7 +237,7 @@ def row_of(**cells):
     """A row of a case that is done, as the page gets it."""
     row = {"key": "a", "serial": "", "status": "done", "error": "", "converged": True, "explains": True, "reason": ""}
     for name, verdict in (("k11", "not identified"), ("k12", "bounded below"), ("k22", "identified")):
-        of = {"unit": "N/m", "low95": 2.21e7, "high95": 2.43e7, "limit95": 2.2e7, "verdict": verdict}
+        of = {"unit": "N/m", "low95": 2.21e7, "high95": 2.43e7, "limit": 2.2e7, "verdict": verdict}
         row |= {f"{name}.{column}": value for column, value in of.items()}
     return row | cells
 

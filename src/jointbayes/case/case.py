@@ -50,6 +50,7 @@ from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import MemberRecipe, StructureRecipe, require_unbuckled
+from jointbayes.verdict_rule import VerdictRule
 from vibrecords import Data, quantity_factor
 from vibrecords.arrays import Array
 
@@ -150,6 +151,11 @@ class Case:
     def default_priors(self) -> frozenset[str]:
         """Coordinates of joints whose prior nobody stated; empty where the problem is not the text's."""
         return default_priors_of(parse_tests(self.source)) if self.problem is self.stated else frozenset()
+
+    @property
+    def verdict_rules(self) -> dict[str, VerdictRule]:
+        """Thresholds of verdicts that the case states, by the stiffness."""
+        return {name: VerdictRule(**dict(rule)) for name, rule in self.spec.verdict.items()}
 
     @cached_property
     def workshop_problem(self) -> Problem | None:

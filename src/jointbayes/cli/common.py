@@ -1,5 +1,6 @@
 """What several commands share: reading a case, drawing, what is printed of a posterior, exit codes."""
 
+import math
 import sys
 from functools import cache, partial
 from pathlib import Path
@@ -100,12 +101,19 @@ def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "P
 
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
-    from jointbayes.posterior.verdicts import lines_of
+    from jointbayes.posterior.identifiability import LIMIT_NOTE
+    from jointbayes.posterior.verdicts import line_of, reason_lines
 
-    say(posterior.record.headline)
+    limited = False
+    say(posterior.record.state)
     for name in posterior.stiffness_names:
-        for line in lines_of(name, posterior.verdict(name)):
-            say(line)
+        verdict = posterior.verdict(name)
+        say(line_of(name, verdict))
+        limited |= math.isfinite(verdict.limit)
+        for line in reason_lines(verdict) if manner().verbose else ():
+            say(f"    {line}")
+    if limited:
+        say(LIMIT_NOTE)
     for line in posterior.assumptions:
         say(line)
     bounds = knowledge.bounds_sentences if knowledge else ()

@@ -59,7 +59,7 @@ def manner_option(flag: str, words: str) -> Callable[[Any], Any]:
 #: Options of every command.
 EVERYWHERE = (
     manner_option("--quiet", "No progress: only results, warnings and errors."),
-    manner_option("--verbose", "The time that each stage of a run took."),
+    manner_option("--verbose", "Why each verdict is what it is, and the time that each stage of a run took."),
     manner_option("--json", "Print one JSON object on standard output; progress stays on standard error."),
 )
 open_option = manner_option("--open", "Open the report in the browser.")

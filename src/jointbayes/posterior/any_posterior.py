@@ -16,20 +16,21 @@ from jointbayes.inference import Problem
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
+from jointbayes.posterior.phrases import Because, Reason, counted
 from jointbayes.posterior.prediction import LeftOut, further_measurement
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.rounding import join_unit, rounded, rounded_interval
 from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
+from jointbayes.verdict_rule import VerdictRule
 from vibrecords.arrays import Array
 
 #: A solution with less of the probability lies outside every 95 % interval.
 LEAST_SHARE = 0.025
 #: Between two solutions draws are this much sparser than in the sparser of the two: halves of one ridge are not.
 _VALLEY = 0.3
-_WORDS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +81,11 @@ class Solutions:
         """Names of the quantities to which the solutions give different values."""
         return tuple(name for name in self._posterior.stiffness_names if len(self.values_of(name)) > 1)
 
-    def reason(self, name: str) -> str:
-        """Why such a quantity is not identified: each value with its 95 % interval and probability; or empty."""
+    def reason(self, name: str) -> Because | None:
+        """Each value of such a quantity with its 95 % interval and probability; None of a quantity with one value."""
         posterior, groups = self._posterior, self.values_of(name)
         if len(groups) < 2:
-            return ""
+            return None
         values = []
         for modes in groups:
             draws, share = self._draws(name, modes), float(self.shares[modes].sum())
@@ -93,8 +94,8 @@ class Solutions:
             (median, error), low, high = quantiles
             interval = rounded_interval((low[0], high[0]), (low[1], high[1]))
             unit = posterior.unit(name)
-            values.append(f"{join_unit(rounded(median, error), unit)} ({interval}) with probability {share:.2f}")
-        return f"{_count(len(groups))} solutions: {' or '.join(values)}"
+            values.append((f"{join_unit(rounded(median, error), unit)} ({interval})", share))
+        return Because(Reason.SOLUTIONS, {"solutions": tuple(values)})
 
     @cached_property
     def _distinct(self) -> list[list[int]]:
@@ -134,7 +135,7 @@ class Solutions:
         # of a model that does not explain the data the solutions only fit best
         fit = "explain the data" if self._posterior.check.explains else "fit the data best"
         return (
-            f"{_count(len(self._distinct)).capitalize()} solutions {fit} ({shares}): "
+            f"{counted(len(self._distinct)).capitalize()} solutions {fit} ({shares}): "
             f"{', '.join(self.split)} differ between them."
         )
 
@@ -163,10 +164,6 @@ def _are_apart(left: Array, right: Array) -> bool:
         len(draws) / max(width, np.finfo(float).tiny) for draws, width in ((left, low - start), (right, end - high))
     )
     return bool(between < _VALLEY * sparser)
-
-
-def _count(count: int) -> str:
-    return _WORDS.get(count, str(count))
 
 
 class AnyPosterior(Protocol):
@@ -288,5 +285,8 @@ class AnyPosterior(Protocol):
     def has_default_prior(self, name: str) -> bool:
         """Whether the range of a quantity is the default one, which the case does not state."""
 
-    def verdict(self, name: str) -> Identifiability:
+    def rule(self, name: str) -> VerdictRule:
+        """Thresholds by which a stiffness is judged."""
+
+    def verdict(self, name: str) -> Verdict:
         """Median, 95 % interval with errors, verdict with its reason and what it takes as exact."""

@@ -29,15 +29,7 @@ from jointbayes.joint.combinations import (
     powers_text,
     single_values,
 )
-from jointbayes.posterior.identifiability import (
-    CERTAINTY,
-    IF_MODEL_RIGHT,
-    Identifiability,
-    Verdict,
-    assess,
-    ratio_of,
-    verdict_by_rule,
-)
+from jointbayes.posterior.identifiability import CERTAINTY, RULE, Verdict, VerdictClass, assess, judge_by_rule, ratio_of
 from jointbayes.rounding import rounded, rounded_interval, with_interval
 from vibrecords.arrays import Array
 
@@ -86,7 +78,7 @@ class NamedDirection:
     interval95: tuple[float, float]
     ratio: float
     sd_log: float
-    verdict: Verdict
+    verdict: VerdictClass
     sentence: str
     interval95_error: tuple[float, float] = (math.nan, math.nan)
     limit: str = ""
@@ -105,7 +97,7 @@ class NamedDirection:
 def name_directions(
     stiffness: ArrayLike,
     prior: ArrayLike,
-    judged: Mapping[str, Identifiability] | None = None,
+    judged: Mapping[str, Verdict] | None = None,
     parametrisation: Parametrisation | None = None,
 ) -> tuple[NamedDirection, ...]:
     """Name the combinations of the stiffnesses that draws determine independently, best known first.
@@ -134,7 +126,7 @@ def name_directions(
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
     search = _Search(draws, before, dict(judged or {}), parametrisation or parametrisation_named("log"))
     singles = [search.judged(quantity) for quantity in search.singles]
-    if all(single.verdict == "identified" for single in singles):
+    if all(single.cls == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
         return tuple(_named(quantity, single) for quantity, single in order)
     return search.run()
@@ -161,7 +153,7 @@ class _Search:
         self,
         stiffness: Array,
         prior: Array,
-        judged: dict[str, Identifiability],
+        judged: dict[str, Verdict],
         parametrisation: Parametrisation,
     ) -> None:
         self._stiffness, self._prior, self._known = stiffness, prior, judged
@@ -174,7 +166,7 @@ class _Search:
         self._middle = self._theta[int((off**2).sum(axis=1).argmin())]
         self.singles = single_values(self._parametrisation)
         self._others = combinations_of(self._parametrisation)
-        if not any(self.judged(quantity).verdict in CERTAINTY for quantity in self.singles):
+        if not any(self.judged(quantity).cls in CERTAINTY for quantity in self.singles):
             self._others += flexibilities_at_arms(self._parametrisation, stiffness)
         self._linear = [axis.name for axis in self._parametrisation.axes if not axis.logarithmic]
         self._width = cache(self._found_width)  # each place on the list asks for it again
@@ -185,30 +177,30 @@ class _Search:
         named: list[NamedDirection] = []
         while len(named) < len(self.names):
             quantity, judged = self._widest(axes) if len(named) == len(self.names) - 1 else self._best(axes)
-            words = "" if judged.verdict in ("identified", "weakly identified") else self._moving_with(quantity)
+            words = "" if judged.cls in ("identified", "weakly identified") else self._moving_with(quantity)
             named.append(_named(quantity, judged, words))
             beside = _orthogonal_part(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(named)
 
-    def judged(self, quantity: Combination) -> Identifiability:
+    def judged(self, quantity: Combination) -> Verdict:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
             assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
-            withheld = [other.verdict for other in self._known.values() if str(other.verdict) == "no verdict"]
-            self._known[quantity.name] = replace(assessment, verdict=withheld[0]) if withheld else assessment
+            failed = any(other.cls == "no verdict" for other in self._known.values())
+            self._known[quantity.name] = replace(assessment, cls="no verdict") if failed else assessment
         return self._known[quantity.name]
 
-    def _best(self, axes: Array) -> tuple[Combination, Identifiability]:
+    def _best(self, axes: Array) -> tuple[Combination, Verdict]:
         """The best known quantity that says something else than those named."""
         quantities = [*self.singles, *self._others, *self._powers(axes)]
         for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
             quantity = quantities[int(i)]
-            if quantity.single or self.judged(quantity).verdict in ("identified", "weakly identified"):
+            if quantity.single or self.judged(quantity).cls in ("identified", "weakly identified"):
                 return quantity, self.judged(quantity)
         raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
 
-    def _widest(self, axes: Array) -> tuple[Combination, Identifiability]:
+    def _widest(self, axes: Array) -> tuple[Combination, Verdict]:
         """The least known single stiffness among those that say something else than the quantities named."""
         inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
         quantity = max(inside or self.singles, key=self._width)
@@ -282,24 +274,25 @@ def _orthogonal_part(gradient: Array, axes: Array) -> Array:
     return gradient - axes.T @ (axes @ gradient)
 
 
-def _named(quantity: Combination, judged: Identifiability, moving: str = "") -> NamedDirection:
+def _named(quantity: Combination, judged: Verdict, moving: str = "") -> NamedDirection:
     """A quantity in words: its value or limit, and the reason where the verdict does not follow from the interval."""
-    (low, high), errors = judged.ends
+    (low, high), errors = judged.interval, judged.interval_error
     ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
-    unit = judged.unit or quantity.unit
+    unit, bounded = judged.unit or quantity.unit, math.isfinite(judged.limit)
     value = f"{rounded(judged.median)} ({rounded_interval((low, high), errors)}), SI units"
     if unit:
-        value = judged.limit or with_interval((judged.median, low, high), unit, (judged.median_error, *errors))
-    if not judged.limit and low <= 0 <= high:
+        value = replace(judged, unit=unit).value
+    if not bounded and low <= 0 <= high:
         value += ", which contains zero"
-    elif not judged.limit and math.isinf(judged.ratio):
+    elif not bounded and math.isinf(judged.ratio):
         value += ", with draws of either sign"
-    elif not judged.limit and judged.verdict not in (verdict_by_rule(judged.ratio, 1.0)[0], "no verdict"):
-        value += f"; {judged.verdict_reason.removeprefix(f'{IF_MODEL_RIGHT}: ')}"
-    verb = "has" if judged.verdict == "no verdict" else "is"  # a failed run
-    sentence = f"{quantity.name} {verb} {judged.verdict}: {value}{moving}"
+    elif not bounded and judged.cls not in (judge_by_rule(RULE, judged.ratio, 1.0)[0], "no verdict"):
+        value += f"; {judged.because}"
+    verb = "has" if judged.cls == "no verdict" else "is"  # a failed run
+    sentence = f"{quantity.name} {verb} {judged.cls}: {value}{moving}"
+    limit = value if bounded else ""
     return NamedDirection(
-        quantity.name, (low, high), ratio, judged.sd_log, judged.verdict, sentence, errors, judged.limit, judged.median
+        quantity.name, (low, high), ratio, judged.sd_log, judged.cls, sentence, errors, limit, judged.median
     )
 
 

@@ -21,7 +21,7 @@ DOI 10.2307/2289471
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, partial
 from typing import Any, Literal
@@ -31,7 +31,6 @@ from scipy.special import chdtri
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
-from jointbayes.joint import Quantity
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.posterior.any_posterior import LEAST_SHARE, AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
@@ -42,16 +41,16 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
-    IF_MODEL_RIGHT,
+    RANK,
     ExactInputs,
-    Identifiability,
     Verdict,
+    VerdictClass,
     assess,
-    listed,
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.verdicts import bounded_by_data, by_likelihood, concluded, judge_stiffness
+from jointbayes.posterior.phrases import IF_MODEL_RIGHT, listed
+from jointbayes.posterior.verdicts import conclude, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import (
@@ -69,10 +68,6 @@ from jointbayes.stored_values import StoredArray
 from vibrecords.arrays import Array
 
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
-#: Verdicts that say something, best first.
-RANK: dict[Verdict, int] = {
-    "identified": 0, "weakly identified": 1, "bounded below": 2, "bounded above": 2, "not identified": 3,
-}  # fmt: skip
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
 _PILOT = 2000
@@ -105,7 +100,7 @@ class UncertainInputsRow:
 
     uncertain: tuple[str, ...]
     source: Source
-    known: Mapping[str, Identifiability]
+    known: Mapping[str, Verdict]
     draws: StoredArray = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
@@ -127,9 +122,9 @@ class UncertainInputsRow:
         return float(low), float(high)
 
     @property
-    def verdict(self) -> dict[str, Verdict]:
-        """Verdict on each stiffness."""
-        return {name: assessment.verdict for name, assessment in self.known.items()}
+    def verdict(self) -> dict[str, VerdictClass]:
+        """Class of each stiffness."""
+        return {name: assessment.cls for name, assessment in self.known.items()}
 
 
 def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
@@ -150,7 +145,7 @@ def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, 
     return tuple(name for name in most if name not in rows[0].uncertain)
 
 
-def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Identifiability] | None:
+def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Verdict] | None:
     """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
     return rows[-1].known or None if quantities_taken_as_exact(rows) else None
 
@@ -168,20 +163,21 @@ def inputs_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> dict[str, Exact
     return {
         name: ExactInputs(exact, most.known.get(name))
         for name, assessment in run.known.items()
-        if assessment.verdict != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
+        if assessment.cls != "not identified" and (not most.known or _is_weaker(most.known[name], assessment))
     }
 
 
-def _is_weaker(freed: Identifiability, run: Identifiability) -> bool:
+def _is_weaker(freed: Verdict, run: Verdict) -> bool:
     """Whether less is known than the run says, beyond the Monte Carlo error of either."""
-    if RANK[freed.verdict] > RANK[run.verdict] or (freed.limit and run.limit and freed.verdict != run.verdict):
+    limits = np.array([run.limit, freed.limit])
+    if RANK[freed.cls] > RANK[run.cls] or (np.isfinite(limits).all() and freed.cls != run.cls):
         return True
-    if freed.limit and run.limit:
-        weaker = math.log(run.printed_limit / freed.printed_limit) * (1 if run.verdict == "bounded below" else -1)
-        return weaker > math.log(1 + LARGEST_CHANGE)
-    low, high = run.interval95
-    ends = np.array([run.interval95, freed.interval95])
-    errors = np.nan_to_num(np.array([run.interval95_error, freed.interval95_error]))
+    if np.isfinite(limits).all():
+        weaker = math.log(limits[0] / limits[1]) * (1 if run.cls == "bounded below" else -1)
+        return bool(weaker > math.log(1 + LARGEST_CHANGE))
+    low, high = run.interval
+    ends = np.array([run.interval, freed.interval])
+    errors = np.nan_to_num(np.array([run.interval_error, freed.interval_error]))
     median = freed.median
     if (ends > 0).all() or (ends < 0).all():
         errors, ends = errors / np.abs(ends), np.sort(np.log(np.abs(ends)), axis=1)
@@ -236,31 +232,12 @@ def _row(
     theta, effective = sample
     values = problem.prior.values(theta)
     region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
-    known = {
-        quantity.name: _judged(posterior, quantity, column, effective, theta, region)
-        for quantity, column in zip(problem.quantities, values.T, strict=True)
-    }
+    known = {}
+    for name, column in zip(posterior.stiffness_names, values.T, strict=True):
+        error = partial(quantile_spread, column, effective=effective)
+        drawn = assess(column, posterior.prior_values(name), error, posterior.unit(name), posterior.rule(name))
+        known[name] = conclude(posterior, name, drawn, theta, region)
     return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
-
-
-def _judged(
-    posterior: AnyPosterior,
-    quantity: Quantity,
-    values: Array,
-    effective: float,
-    theta: Array,
-    region: Callable[[], LikelihoodRegion],
-) -> Identifiability:
-    """One stiffness by its draws, and of one that is bounded by the likelihood."""
-    name, error = quantity.name, partial(quantile_spread, values, effective=effective)
-    finding = drawn = assess(values, posterior.prior_values(name).ravel(), error, quantity.unit)
-    if name in posterior.solutions.split:
-        finding = drawn.judge("not identified", "several solutions")
-    else:
-        finding = bounded_by_data(posterior, region, name, drawn, theta, values, error)
-    if math.isfinite(finding.limit95):  # which no volume of a prior moves
-        finding = by_likelihood(posterior, region, name, finding)
-    return concluded(finding, explained=posterior.check.explains)
 
 
 class _Part:
@@ -441,7 +418,7 @@ def known_by_bounds(posterior: AnyPosterior) -> tuple[str, ...]:
     verdicts: dict[str, list[str]] = {}
     for quantity in posterior.problem.quantities:
         if quantity.role == "stiffness" and quantity.name not in posterior.solutions.split:
-            verdict = posterior.verdict(quantity.name).verdict
+            verdict = posterior.verdict(quantity.name).cls
             verdicts.setdefault(quantity.name.rpartition(".")[0], []).append(verdict)
     if any("no verdict" in each for each in verdicts.values()):
         return ()
@@ -558,7 +535,7 @@ class Knowledge(KeptKnowledge):
         return KeptKnowledge(**{each.name: getattr(self, each.name) for each in fields(KeptKnowledge)})
 
     @property
-    def workshop(self) -> Mapping[str, Identifiability] | None:
+    def workshop(self) -> Mapping[str, Verdict] | None:
         """What is known of each stiffness with all else as in a workshop; None where the run takes nothing as exact."""
         return known_in_workshop(self.freed)
 
@@ -614,8 +591,15 @@ class Knowledge(KeptKnowledge):
         """What the verdicts rest on, in one sentence."""
         if not self.freed:
             return ""
-        text = effect_sentence(self.freed)
-        return text if text.startswith("Whether") else self._if_right(text, ",")
+        return self._if_right(effect_sentence(self.freed), ",")
+
+    def under_as_json(self) -> dict[str, Any]:
+        """What ``under`` of ``summary.json`` holds: the verdicts under other premises, by these."""
+        settled = {"workshop" if row.uncertain else "exact": row for row in self.freed[1:] if row.known}
+        return {
+            premises: {name: {"unit": known.unit, **known.as_json()} for name, known in row.known.items()}
+            for premises, row in settled.items()
+        }
 
     def as_json(self) -> dict[str, Any]:
         """What ``identifiability`` of ``summary.json`` holds."""
@@ -628,19 +612,7 @@ class Knowledge(KeptKnowledge):
                 p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
                 for p in self.profiles
             },
-            "freed": [
-                {
-                    "freed": list(row.uncertain),
-                    "source": row.source,
-                    "interval95": {name: list(assessment.interval95) for name, assessment in row.known.items()},
-                    "sd_log": {name: assessment.sd_log for name, assessment in row.known.items()},
-                    "verdict": row.verdict,
-                    "if_model_right": {name: assessment.if_model_right for name, assessment in row.known.items()},
-                }
-                for row in self.freed
-            ],
-            "freed_assumed": bool(self.assumed),
-            "freed_assumptions": list(self.assumed),
             "freed_sentence": self.freed_sentence,
+            "freed_assumptions": list(self.assumed),
             "what_decides": None if self.decides is None else self.decides.as_json(),
         }

@@ -31,9 +31,9 @@ from vibrecords.arrays import Array
 
 Ends = tuple[float, float]
 
-#: Fall of ln L, half a quantile of χ² with one degree of freedom, to limits at 95 % of two sides and of one side, and
-#: to those that are printed.
-FALL_TWO_SIDED, FALL_ONE_SIDED, FALL_PRINTED = (float(chdtri(1, p)) / 2 for p in (0.05, 0.10, 0.025))
+#: Fall of ln L to its limits, half a quantile of χ² with one degree of freedom: 95 % between both limits, which is
+#: 97.5 % on one side of either; and to the ends of a profile, a little beyond.
+FALL, _FALL_OF_PROFILE = (float(chdtri(1, p)) / 2 for p in (0.05, 0.025))
 _LEVEL = 0.95  # confidence of the limits of profiles
 #: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
 _SLACK = 0.01
@@ -164,32 +164,27 @@ class LikelihoodRegion:
         """Place of a coordinate after all quantities."""
         return len(self._prior.parametrisation.quantities) + coordinate
 
-    def limits(self, index: int, fall: float, fall_printed: float) -> tuple[Ends, Ends]:
-        """Least and greatest value of a quantity where ln L has fallen from its maximum by no more than so much.
+    def limits(self, index: int) -> Ends:
+        """Least and greatest value of a quantity where ln L has fallen from its maximum by no more than `FALL`.
 
         Parameters
         ----------
         index
             Place of the quantity among those of the joint.
-        fall, fall_printed
-            The lesser and the greater.
 
         Returns
         -------
-        (low, high), (low, high)
-            One pair for each fall, in the quantity's unit. Where the prior's support ends before ln L has fallen so
-            far, the first has NaN, and the second the farthest that the support allows.
+        (low, high)
+            In the quantity's unit; NaN where the prior's support ends before ln L has fallen so far.
         """
         name, names = self._prior.parametrisation.stiffness_names[index], self._prior.names
         # where a quantity is a coordinate, its logarithm, that is sought, as for its profile
-        column = self._column(names.index(name)) if name in names else index
-        near, far = self._points(column, fall), self._points(column, fall_printed)
-        low, high = np.where(self._is_above(near, fall), math.nan, self._of(index, near)).tolist()
-        low_printed, high_printed = self._of(index, far).tolist()
-        return (low, high), (low_printed, high_printed)
+        ends = self._points(self._column(names.index(name)) if name in names else index, FALL)
+        low, high = np.where(self._is_above(ends, FALL), math.nan, self._of(index, ends)).tolist()
+        return low, high
 
     def profile(self, name: str) -> ProfileLikelihood:
-        """Greatest likelihood for each value of a coordinate, as far as to the limits that are printed.
+        """Greatest likelihood for each value of a coordinate, to a little beyond its limits.
 
         Raises
         ------
@@ -210,8 +205,8 @@ class LikelihoodRegion:
                     f"profile: found that no residual depends on {name}; expected a coordinate that the model predicts "
                     "with; profile another one"
                 )
-        near, far = (self._points(self._column(at), fall) for fall in (FALL_TWO_SIDED, FALL_PRINTED))
-        is_open, top, (first, last) = self._is_above(near, FALL_TWO_SIDED), self._top, far[:, at]
+        near, far = (self._points(self._column(at), fall) for fall in (FALL, _FALL_OF_PROFILE))
+        is_open, top, (first, last) = self._is_above(near, FALL), self._top, far[:, at]
         root = self._root_across(at)
         # whatever fits well enough has led to an open end
         ends = climb_together(self._height, [self._better(end, root) for end in far[is_open]])

@@ -332,12 +332,8 @@ class NoiseOfBodies:
         return tuple(name for name, ratio in pairs if ratio is not None and ratio > NOT_RECIPROCAL)
 
     @property
-    def narrow(self) -> str:
-        """Why intervals are too narrow, as a phrase; empty where the noise counts."""
-        return f"{self._noise} is ignored, so that the interval is too narrow" if self.ignored else ""
-
-    @property
-    def _noise(self) -> str:
+    def noise(self) -> str:
+        """What is counted or ignored, in words."""
         of = f" in test {self.test}" if self.test else ""
         return f"the noise of the measured {'body' if len(self.bodies) == 1 else 'bodies'} {', '.join(self.bodies)}{of}"
 
@@ -349,7 +345,7 @@ class NoiseOfBodies:
     @property
     def sentences(self) -> list[str]:
         """The same, sentence by sentence."""
-        whose, share = f"T{self._noise[1:]}", f"{100 * self.share:.2g} % of the variance of the residuals"
+        whose, share = f"T{self.noise[1:]}", f"{100 * self.share:.2g} % of the variance of the residuals"
         if self.ignored:
             words = [f"{whose} is ignored: it would be {share}, or more, at half of the values."]
             words.append("Intervals are too narrow.")

@@ -14,15 +14,13 @@ from jointbayes.posterior.candidates import candidates_of
 from jointbayes.posterior.coordinates import by_names
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.forecast import NextStep
-from jointbayes.posterior.identifiability import CERTAINTY, Identifiability
+from jointbayes.posterior.identifiability import CERTAINTY, Verdict
 from vibrecords.arrays import Array
 
 _DRAWS = 5
 
 
-def next_steps(
-    posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Identifiability]
-) -> tuple[NextStep, ...]:
+def next_steps(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Verdict]) -> tuple[NextStep, ...]:
     """Rank further measurements by how well the stiffness that is known least would then be known, the best first.
 
     Parameters
@@ -61,7 +59,7 @@ def next_steps(
             continue  # a model that cannot be evaluated there, as with more modes than it has
     # 3. The rows of each stiffness, the least known first, until a measurement helps
     names = tuple(name for name in problem.names if name not in posterior.problem.names)
-    wanted = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].verdict, 0), -judged[name].ratio))
+    wanted = sorted(judged, key=lambda name: (CERTAINTY.get(judged[name].cls, 0), -judged[name].ratio))
     rows = []
     for k in (name for name in wanted if name in before):
         steps = [NextStep(k, *which, before[k], sd[k], names) for which, sd in after.items()]

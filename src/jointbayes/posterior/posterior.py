@@ -24,7 +24,7 @@ from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.directions import name_directions
 from jointbayes.posterior.forecast import NextStep
-from jointbayes.posterior.identifiability import ExactInputs, Identifiability, listed
+from jointbayes.posterior.identifiability import RULE, ExactInputs, Verdict
 from jointbayes.posterior.knowledge import (
     KeptKnowledge,
     Knowledge,
@@ -41,6 +41,7 @@ from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.next_step import advice, next_steps
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
+from jointbayes.posterior.phrases import listed
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import (
@@ -65,6 +66,7 @@ from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines
 from jointbayes.structure import StructureRecipe
+from jointbayes.verdict_rule import VerdictRule
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import frf_svg, paragraph_html, table_html
@@ -488,8 +490,14 @@ class Posterior:
         theta = np.vstack([*modes, self.thinned(_REGION_DRAWS)])
         return LikelihoodRegion(self.problem.log_posterior, theta, self.solutions.nearest(theta))
 
-    def verdict(self, name: str) -> Identifiability:
-        """Median, 95 % interval with errors, verdict with its reason and what it takes as exact.
+    def rule(self, name: str) -> VerdictRule:
+        """Thresholds by which a stiffness is judged: those that the case states in ``[verdict]``, or the usual ones."""
+        return RULE if self.case is None else self.case.verdict_rules.get(name, RULE)
+
+    def verdict(self, name: str) -> Verdict:
+        """Class of a stiffness with its interval, limit, reasons and conditions, made in one pass and frozen.
+
+        It equals the string of its class: ``posterior.verdict("k22") == "identified"``; `str` adds the conditions.
 
         Inputs that a workshop does not know exactly are looked at where `rows` are known: of a run that was kept, and
         once `under` was asked. Else the verdict names them all.
@@ -506,10 +514,12 @@ class Posterior:
             )
         if name not in self._judged:
             self._judged[name] = judge_stiffness(self, name)
-        return self._judged[name].with_exact(self._exact_inputs.get(name))
+        found = self._judged[name]
+        unsaid = found.cls in ("no verdict", "not identified")
+        return found if unsaid else replace(found, exact=self._exact_inputs.get(name))
 
     @cached_property
-    def _judged(self) -> dict[str, Identifiability]:
+    def _judged(self) -> dict[str, Verdict]:
         """What draws, priors and likelihood say of stiffnesses that were asked for: a report asks several times."""
         return {}
 

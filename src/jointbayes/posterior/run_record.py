@@ -16,8 +16,10 @@ from typing_extensions import TypedDict
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
+from jointbayes.posterior.phrases import DO_NOT_USE
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
+from jointbayes.verdict_rule import VerdictRule
 from vibrecords.arrays import Array
 
 _Count = Annotated[int, Field(ge=0, le=2**63)]
@@ -42,9 +44,6 @@ class SamplerFigures(TypedDict):
     singular: _Count
     seconds: Annotated[float, Field(ge=0, le=1e12)]
     ess_per_second: float
-
-
-DO_NOT_USE = "do not use these numbers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,25 +76,18 @@ class RunRecord:
     versions: Mapping[str, str]
 
     @property
-    def headline(self) -> str:
-        """Whether the calculation has settled, and how well the ends of intervals are known; figures in `reason`."""
-        how = self.reason.partition(";")[0].partition(": ")
-        if self.converged:
-            return f"The calculation has settled: {how[2] or how[0]}."
-        return f"The calculation has NOT settled {how[0].removeprefix('not converged ')}: {DO_NOT_USE}."
-
-    @property
     def state(self) -> str:
-        """Whether the calculation has settled, in one short sentence: what stands above the numbers of a notebook."""
+        """Whether the calculation has converged, in one short sentence; its figures are in `reason`."""
         if not self.converged:
-            return self.headline
+            steps = f" after {self.sampler['steps']} steps" if self.sampler["steps"] else ""
+            return f"Not converged{steps}: {DO_NOT_USE}."
         fewest = float(f"{min(self.sampler['ess'].values(), default=math.nan):.2g}")
-        return f"Calculation settled ({fewest:,.0f} independent draws).".replace(",", " ")
+        return f"Converged: {fewest:,.0f} independent draws.".replace(",", " ")
 
     @property
     def limit_to_raise(self) -> str:
-        """Key of ``[sampling]`` that ended a run which has not settled."""
-        return "budget_s" if "budget_s" in self.reason else "max_steps"
+        """Key of ``[sampling]`` that ended a run which has not converged."""
+        return "max_steps" if self.sampler["steps"] >= self.sampler["max_steps"] else "budget_s"
 
 
 class SampledCase(Protocol):
@@ -136,6 +128,10 @@ class SampledCase(Protocol):
     @property
     def default_priors(self) -> Collection[str]:
         """Coordinates whose prior nobody stated."""
+
+    @property
+    def verdict_rules(self) -> Mapping[str, VerdictRule]:
+        """Thresholds of verdicts that it states, by the stiffness."""
 
     @property
     def warnings(self) -> Sequence[object]:

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from enum import Enum
 from importlib import import_module
 from importlib.metadata import version
 from numbers import Real
@@ -610,7 +611,7 @@ class FileRecord:
     def as_text(self) -> str:
         """JSON text, of which `parse_record` makes the record again."""
         plain = asdict(self) | {"file_version": FILE_VERSION, "map": estimate_record(self.map)}
-        return json.dumps(plain, default=lambda value: value.tolist())
+        return json.dumps(plain, default=lambda value: value.value if isinstance(value, Enum) else value.tolist())
 
 
 def estimate_record(estimate: MapEstimate) -> dict[str, Any]:

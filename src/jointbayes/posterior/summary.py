@@ -1,7 +1,6 @@
 """The numbers of a run: typed, as a table for people, and as `summary.json`, described in docs/summary-json.md."""
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
@@ -15,7 +14,7 @@ from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.identifiability import Identifiability
+from jointbayes.posterior.identifiability import LIMIT_NOTE, Verdict
 from jointbayes.posterior.knowledge import Knowledge
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
 from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
@@ -29,7 +28,7 @@ from vibrecords.arrays import Array
 from vibrecords.notebook_view import table_html
 
 #: Raised when a reader of the older form would misread the newer one.
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 Interval = tuple[float, float]
 _LEAST_MODES, _MOST_MODES = 3, 12  # whose frequencies are told where none was measured, or as many as there are
@@ -85,7 +84,7 @@ class StiffnessSummary:
     """One stiffness: what its draws say, in `unit`, and how well they were drawn; NaN where a number does not exist."""
 
     unit: str
-    known: Identifiability
+    known: Verdict
     map: float
     mode: float
     mean: float
@@ -93,11 +92,6 @@ class StiffnessSummary:
     r_hat: float
     ess_bulk: float
     ess_tail: float
-
-    @property
-    def verdict(self) -> str:
-        """The verdict as it is printed, with the conditions it stands under."""
-        return self.known.words
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,11 +199,16 @@ class Summary:
     about: Mapping[str, str]
     compared_frfs: Mapping[str, tuple[ComparedFrf, ...]]
 
-    def __str__(self) -> str:
+    @property
+    def _sections(self) -> list[tuple[str, list[str]]]:
+        """Title and lines of each section of the table."""
         record, fit = self.record, self.fit
         known = [p.known for p in self.parameters.values()]
         rows = [(f"{name}:", k.value, k.plain_words) for name, k in zip(self.parameters, known, strict=True)]
-        beside = [(k.words.removeprefix(k.plain_words).strip(), k.source) for k in known]
+        joint = []
+        for line, k in zip(align_columns(rows) if known else [], known, strict=True):
+            joint += [line, *in_lines(k.if_exact, 4)]
+        joint += [LIMIT_NOTE] if any(math.isfinite(k.limit) for k in known) else []
         others = [(f"{name}:", with_interval((n.median, *n.interval95), n.unit)) for name, n in self.nuisances.items()]
         synthetic = ", synthetic" if fit.synthetic_data else ""
         said = [
@@ -221,30 +220,36 @@ class Summary:
             *(f"No verdict: {reason}" for reason in self.no_verdict),
             *(f"Warning: {warning}" for warning in self.warnings),
         ]
-        lines = [
-            f"[[Posterior of {record.case_name!r}]]",
-            *in_lines(specimen_line(self.about), 4),
-            *in_lines(f"{record.state} Seed {record.seed}.", 4),
-            "[[Joint: median (95 % interval), verdict]]",
-        ]
-        for line, words in zip(align_columns(rows) if known else [], beside, strict=True):
-            lines += [f"    {line}", *(part for text in words for part in in_lines(text, 8))]
-        lines += ["[[Other quantities: median (95 % interval)]]"] if others else []
-        lines += [f"    {line}" for line in align_columns(others)] if others else []
-        lines += ["[[Data]]", f"    {fit.n_data} values{synthetic}; χ² per value {number(fit.chi2_per_line)}"]
-        lines += [part for text in said for part in in_lines(text, 4)]
+        data = [f"{fit.n_data} values{synthetic}; χ² per value {number(fit.chi2_per_line)}"]
+        data += [part[4:] for text in said for part in in_lines(text, 4)]
         shown = sorted(self.correlations.items(), key=lambda pair: -abs(pair[1]))
-        lines += [f"[[Correlations of the draws (above {_LEAST_CORRELATION:g})]]"] if shown else []
-        lines += [f"    C({', '.join(names)}) = {signed(value)}" for names, value in shown[:_MOST_CORRELATIONS]]
-        lines += [f"    and {len(shown) - _MOST_CORRELATIONS} more"] if len(shown) > _MOST_CORRELATIONS else []
-        return "\n".join(lines)
+        moves = [f"C({', '.join(names)}) = {signed(value)}" for names, value in shown[:_MOST_CORRELATIONS]]
+        moves += [f"and {len(shown) - _MOST_CORRELATIONS} more"] if len(shown) > _MOST_CORRELATIONS else []
+        state = [
+            part[4:]
+            for text in (specimen_line(self.about), f"{record.state} Seed {record.seed}.")
+            for part in in_lines(text, 4)
+        ]
+        sections = [
+            (f"Posterior of {record.case_name!r}", state),
+            ("Joint: median (95 % interval), verdict", joint),
+            ("Other quantities: median (95 % interval)", align_columns(others) if others else []),
+            ("Data", data),
+            (f"Correlations of the draws (above {_LEAST_CORRELATION:g})", moves),
+        ]
+        return [(title, lines) for title, lines in sections if lines]
+
+    def __str__(self) -> str:
+        parts = [[f"[[{title}]]", *(f"    {line}" for line in lines)] for title, lines in self._sections]
+        return "\n".join(line for part in parts for line in part)
 
     __repr__ = __str__  # what a notebook shows of the last line of a cell
 
     def _repr_html_(self) -> str:
         rows = [stiffness_row(name, p.known) for name, p in self.parameters.items()]
-        title, _, *rest = (block.replace("]]\n", "\n", 1) for block in str(self).removeprefix("[[").split("\n[["))
-        return table_html(title, STIFFNESS_HEAD, rows, f"<pre>{escape(chr(10).join(rest))}</pre>")
+        (title, state), _, *rest = self._sections
+        below = "\n".join(line for head, lines in rest for line in (head, *(f"    {text}" for text in lines)))
+        return table_html("\n".join([title, *state]), STIFFNESS_HEAD, rows, f"<pre>{escape(below)}</pre>")
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """A pandas.DataFrame with a row for each stiffness and each other uncertain quantity, in its unit."""
@@ -273,6 +278,7 @@ class Summary:
             "check": check_json(self.check, self.diagnosis),
             "mesh": None if self.mesh is None else self.mesh.as_json(),
             "measured_bodies": None if bodies is None else bodies.as_json() | {"files": files},
+            "under": {} if self.knowledge is None else self.knowledge.under_as_json(),
             "identifiability": None if self.knowledge is None else self.knowledge.as_json(),
             "left_out": left_out_json(self.left_out),
             "model_error": None if self.model_error is None else self.model_error.as_json(),
@@ -321,7 +327,7 @@ def summarise(
     return Summary(
         record=posterior.record,
         warnings=tuple(warnings),
-        no_verdict=reasons_for_no_verdict(posterior),
+        no_verdict=tuple(map(str, reasons_for_no_verdict(posterior))),
         parameters={name: stiffness_summary(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)},
         nuisances={n.name: nuisance_summary(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
@@ -513,19 +519,10 @@ def nuisance_summary(posterior: AnyPosterior, index: int) -> NuisanceSummary:
     )
 
 
-#: What ``summary.json`` holds of a stiffness, in this order.
-_OF_STIFFNESS = (
-    "unit", "map", "mode", "median", "median_error", "mean", "sd_log", "interval95", "interval95_error",
-    "prior_interval95", "contraction", "verdict", "verdict_reason", "if_model_right", "only_if_exact", "limit95",
-    "limit95_error", "likelihood95", "printed95", "printed_by_likelihood", "prior_volume", "r_hat", "ess_bulk",
-    "ess_tail",
-)  # fmt: skip
-
-
 def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
-    known, exact = p.known, p.known.exact
-    values = {name: getattr(known if hasattr(known, name) else p, name, None) for name in _OF_STIFFNESS}
-    return values | {"only_if_exact": None if exact is None else exact.as_json()}
+    """What ``parameters.<name>`` of ``summary.json`` holds."""
+    drawn = {"r_hat": p.r_hat, "ess_bulk": p.ess_bulk, "ess_tail": p.ess_tail}
+    return {"unit": p.unit, "map": p.map, **p.known.as_json(), **drawn}
 
 
 def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str]]:
@@ -549,20 +546,28 @@ def quantity_frame(summary: Mapping[str, Any]) -> Any:  # noqa: ANN401 (a pandas
 
 
 def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row without lists: of a pair of ends ``interval95`` as ``low95`` and ``high95``, and so on."""
+    """A row without lists: ``interval95`` as ``low95`` and ``high95``, reasons and conditions as texts."""
     cells: dict[str, Any] = {}
     for name, value in row.items():
-        if isinstance(value, list):
-            stem = re.sub("_?(interval)?95", "_{}95", name).lstrip("_") if "95" in name else f"{name}_{{}}"
-            cells |= {stem.format(side): end for side, end in zip(("low", "high"), value, strict=True)}
-        else:  # inputs that a verdict needs exact are a table: of it the names
-            cells[name] = ", ".join(value["quantities"]) if isinstance(value, dict) else value
+        if name in _PAIRS:
+            cells |= dict(zip(_PAIRS[name], value, strict=True))
+        elif name == "reasons":
+            cells[name] = "; ".join(reason["text"] for reason in value)
+        else:
+            cells[name] = ", ".join(value) if isinstance(value, list) else value
     return {name: math.nan if value is None else value for name, value in cells.items()}
 
 
+#: Columns of what ``summary.json`` holds as a pair.
+_PAIRS = {
+    "interval95": ("low95", "high95"),
+    "interval95_error": ("low95_error", "high95_error"),
+    "likelihood95": ("likelihood_low95", "likelihood_high95"),
+    "prior_interval95": ("prior_low95", "prior_high95"),
+}
 STIFFNESS_HEAD = ("Stiffness", "Median (95 % interval)", "Verdict")
 
 
-def stiffness_row(name: str, known: Identifiability) -> tuple[str, ...]:
+def stiffness_row(name: str, known: Verdict) -> tuple[str, ...]:
     """What is printed of one stiffness, below `STIFFNESS_HEAD`."""
-    return name, f"{known.value}{known.source and '; '}{known.source}", known.words
+    return name, known.value, known.words

@@ -1,52 +1,27 @@
 """The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
 
-In order: the draws are judged by `jointbayes.posterior.identifiability`. A stiffness to which several modes give
-different values is not identified. Where the likelihood stays open as far as a bound of the prior, that bound and not
-the data ends the interval, and the stiffness is bounded on the other side. A run that failed has no verdict. Nor has
-one whose model does not explain measured data, which no structure's quite does, see `jointbayes.posterior.decision`;
-of computed data it makes the verdict conditional.
-
-What is printed beside every verdict but "identified" is, at each end, the more cautious of what the draws say and of
-the likelihood-ratio limit, which no volume of the prior moves. The level of the latter is 97.5 %: the data that set a
-limit have chosen the verdict as well, so that among joints with one verdict more than 5 % lie beyond a limit at 95 %.
+In order: the draws are judged by `VerdictRule`. A run that failed has no verdict, nor has one whose model does not
+explain measured data, which no structure's quite does, see `jointbayes.posterior.decision`; of computed data it makes
+the verdict conditional. A stiffness to which several modes give different values is not identified. Where the
+likelihood stays open as far as a bound of the prior, that bound and not the data ends the interval, and the stiffness
+is bounded on the other side.
 """
 
 import math
-import textwrap
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Literal
-
-import numpy as np
 
 from jointbayes.inference import JointPrior, OfStiffness
 from jointbayes.posterior.any_posterior import AnyPosterior
-from jointbayes.posterior.identifiability import (
-    CERTAINTY,
-    IF_MODEL_RIGHT,
-    Error,
-    Identifiability,
-    assess,
-    ratio_of,
-    verdict_by_rule,
-)
-from jointbayes.posterior.limits import FALL_ONE_SIDED, FALL_PRINTED, FALL_TWO_SIDED, LikelihoodRegion
-from jointbayes.posterior.phrases import NOT_SETTLED
-from jointbayes.rounding import join_unit, number, percent, quantity_text
+from jointbayes.posterior.identifiability import CERTAINTY, Side, Verdict, VerdictClass, assess, with_test_alone
+from jointbayes.posterior.limits import LikelihoodRegion
+from jointbayes.posterior.phrases import Because, Reason
 from jointbayes.sampling import quantile_error
 from vibrecords.arrays import Array
 
-#: Least share of the prior that a one-sided 95 % limit must exclude to be a statement about the data.
-LEAST_EXCLUDED = 0.1
-_TOO_LITTLE = f"less than {percent(LEAST_EXCLUDED)} of the prior"
-#: Longest line of a verdict on a terminal.
-MOST_CHARACTERS = 200
-#: Of more unknowns no likelihood-ratio limits are sought: each would take seconds.
+#: Skip likelihood-ratio limits for more unknowns than this, because each limit would take seconds.
 MOST_UNKNOWNS = 10
-
-Side = Literal["lower", "upper"]
-_LIMIT: dict[Side, float] = {"upper": 0.05, "lower": 0.95}  # probability of the limit, by the bound opposite
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
 #: Mass that a further decade would hold if the density stayed as it is at a bound: less cannot matter.
 REACH = 0.01
@@ -54,39 +29,27 @@ DECADE = math.log(10)
 _EDGE = 0.1  # of a decade, or of the prior's range: the part of it that counts as its edge
 
 
-def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[str, ...]:
-    """Why a run gives no verdict on any stiffness, one phrase for each reason; empty where it does."""
-    reasons = []
+def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[Because, ...]:
+    """Why a run gives no verdict on any stiffness; empty where it does."""
+    reasons, check, error = [], posterior.check, posterior.model_error
     if not posterior.converged:
-        reasons.append(NOT_SETTLED)
+        reasons.append(Because(Reason.NOT_CONVERGED))
     if not posterior.mode_agrees:
         gain = posterior.mode_log_density - posterior.estimate.log_posterior
         if gain > _SAME_DENSITY:
-            reasons.append(f"the search missed the best fit: a draw leads to one {gain:.3g} higher in log density")
+            reasons.append(Because(Reason.BEST_FIT_MISSED, {"gain": gain}))
         else:
-            reasons.append(
-                f"the best fits that draws and search lead to are {posterior.mode_distance:.2g} standard deviations "
-                f"apart, the draws' {-gain:.3g} lower in log density"
-            )
-    if not posterior.check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
-        size, level = math.sqrt(posterior.check.chi2_per_line), posterior.check.level
-        misfit = f"it misses them by {number(size, 2)} times their noise"
-        misfit = misfit if level == "above" else "the misfit follows a pattern along frequency"
-        reasons.append(f"the model does not explain the measured data: {misfit}")
-    if posterior.model_error is not None and posterior.model_error.grade == "impossible":
-        reasons.append(f"the model is none of this structure: {' and '.join(posterior.model_error.findings)}")
+            reasons.append(Because(Reason.BEST_FITS_APART, {"distance_sd": posterior.mode_distance, "loss": -gain}))
+    if not check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
+        misfit = Because(Reason.MISFIT, {"times": math.sqrt(check.chi2_per_line)})
+        reasons.append(misfit if check.level == "above" else Because(Reason.PATTERN))
+    if error is not None and error.grade == "impossible":
+        reasons.append(Because(Reason.NO_MODEL, {"findings": error.findings}))
     return tuple(reasons)
 
 
-def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
-    """Median, interval with errors, and verdict of one stiffness or other quantity.
-
-    Parameters
-    ----------
-    posterior
-        The posterior.
-    name
-        Of the quantity, as in its draws.
+def judge_stiffness(posterior: AnyPosterior, name: str) -> Verdict:
+    """Judge one stiffness or other quantity by the draws of a run.
 
     Raises
     ------
@@ -94,155 +57,118 @@ def judge_stiffness(posterior: AnyPosterior, name: str) -> Identifiability:
         If there is no such quantity.
     """
     error = partial(quantile_error, posterior.by_ensemble(name))
-    drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name))
-    finding = _found(posterior, name, drawn)
-    if finding.verdict != "no verdict" and name in posterior.stiffness_names:
-
-        def region() -> LikelihoodRegion:
-            return posterior.likelihood_region
-
-        if not posterior.solutions.reason(name):
-            finding = bounded_by_data(posterior, region, name, finding, posterior.theta, posterior.values(name), error)
-        if finding.verdict != "identified":
-            finding = by_likelihood(posterior, region, name, finding)
-    narrow = posterior.noise_of_bodies.narrow if posterior.noise_of_bodies else ""
-    if narrow and finding.verdict != "no verdict" and not posterior.solutions.reason(name):
-        finding = replace(finding, verdict_reason=f"{finding.verdict_reason}; {narrow}")
-    return concluded(finding, explained=posterior.check.explains)
-
-
-def concluded(finding: Identifiability, *, explained: bool) -> Identifiability:
-    """What is found of a stiffness, under the model being right where it does not explain the data."""
-    if explained or finding.verdict in ("no verdict", "not identified"):
-        return finding
-    return replace(finding, verdict_reason=f"{IF_MODEL_RIGHT}: {finding.verdict_reason}", if_model_right=True)
-
-
-def _found(posterior: AnyPosterior, name: str, drawn: Identifiability) -> Identifiability:
-    """What the draws say, after a look at all that may stand against it."""
-    reasons, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
+    rule = posterior.rule(name)
+    drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name), rule)
+    against, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
     if mesh is not None and mesh.moves(name):
-        reasons.append(f"the mesh moves it by {abs(mesh.shift_sd[name]):.2g} posterior standard deviations")
-    if reasons:
+        against.append(Because(Reason.MESH, {"shift_sd": abs(mesh.shift_sd[name])}))
+    if against:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
-        at_bound = [_bound_in_words(posterior, name, side) for held, side in reach if held == name]
-        return drawn.judge("no verdict", "; ".join([*reasons, *(f"its draws reach {bound}" for bound in at_bound)]))
-    if solutions := posterior.solutions.reason(name):
-        return drawn.judge("not identified", solutions)
-    return drawn
+        at = [Because(Reason.AT_BOUND, _bound(posterior, name, side)) for held, side in reach if held == name]
+        return replace(drawn, cls="no verdict", reasons=(*against, *at))
+    found = conclude(posterior, name, drawn, posterior.theta, lambda: posterior.likelihood_region)
+    bodies = posterior.noise_of_bodies
+    if bodies is not None and bodies.ignored and not posterior.solutions.reason(name):
+        found = replace(found, reasons=(*found.reasons, Because(Reason.BODIES, {"noise": bodies.noise})))
+    return found
 
 
-def line_of(name: str, assessment: Identifiability) -> str:
-    """Median, 95 % interval and verdict of one stiffness, on whatever surface."""
-    return f"{name}: {assessment.value}: {assessment.words}"
+def conclude(
+    posterior: AnyPosterior, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
+) -> Verdict:
+    """Judge one stiffness by its draws, its solutions, the prior's bounds and the likelihood.
+
+    Parameters
+    ----------
+    posterior
+        The run.
+    name
+        Of the quantity.
+    drawn
+        What the draws say, of the run itself or under other premises.
+    theta
+        These draws of θ, shape (n, d).
+    region
+        Gives the joints that fit nearly as well as the best, which takes seconds to find.
+    """
+    found = drawn
+    if several := posterior.solutions.reason(name):
+        found = replace(drawn, cls="not identified", reasons=(several,))
+    elif name in posterior.stiffness_names:
+        found = _against_the_prior(posterior, name, drawn, theta, region)
+    right = posterior.check.explains or found.cls == "not identified"
+    return found if right else replace(found, if_model_right=True)
 
 
-def lines_of(name: str, assessment: Identifiability) -> list[str]:
-    """The same with its reasons; those of a long line below it."""
-    reasons = [
-        assessment.source,
-        assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: "),
-        assessment.prior_volume,
-        assessment.beside,
-    ]
-    text, given = line_of(name, assessment), [reason for reason in reasons if reason]
-    line = f"{text} ({'; '.join(given)})"
-    if len(line) <= MOST_CHARACTERS:
-        return [line]
-    return [text, *(f"    {part}" for reason in given for part in textwrap.wrap(reason, MOST_CHARACTERS - 4))]
+def _against_the_prior(
+    posterior: AnyPosterior, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
+) -> Verdict:
+    """The verdict after a look at what the likelihood says, which no volume of the prior moves."""
+    prior, certain = posterior.problem.prior, drawn.cls in CERTAINTY
+    reached = {side for held, side in bounds_within_reach(prior, theta) if held == name}
+    if drawn.cls == "identified" and not reached:
+        return drawn
+    # 1. Ends that the data leave open; of many unknowns those at which draws reach the prior's bound.
+    sought, ends, sides = len(prior.names) <= MOST_UNKNOWNS, drawn.interval, reached
+    if sought:
+        ends = region().limits(posterior.stiffness_names.index(name))
+        pairs: tuple[tuple[Side, float], ...] = (("lower", ends[0]), ("upper", ends[1]))
+        sides = {side for side, end in pairs if math.isnan(end)}
+    found = drawn
+    # 2. One open end: bounded on the other side, where that excludes more than a little of the prior.
+    if prior.bounds_of(name) is not None and sides and (reached or not certain):
+        if len(sides) == 1:
+            (side,) = sides
+            limit, before = ends[0] if side == "upper" else ends[1], posterior.prior_values(name)
+            excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
+            least = posterior.rule(name).excluded
+            is_open = Because(Reason.OPEN, _bound(posterior, name, side))
+            bounded: VerdictClass = "bounded below" if side == "upper" else "bounded above"
+            if excluded >= least:
+                found = replace(drawn, cls=bounded, reasons=(is_open,), limit=limit)
+            else:
+                little = Because(Reason.EXCLUDES_LITTLE, {"least": least})
+                found = replace(drawn, cls="not identified", reasons=(is_open, little))
+        elif certain:
+            low, high = prior.bounds_of(name) or (math.nan, math.nan)
+            bounds = {"lower": low, "upper": high, "unit": drawn.unit}
+            found = replace(drawn, cls="not identified", reasons=(Because(Reason.OPEN_BOTH, bounds),))
+    # 3. What the test alone says, where that differs from the draws.
+    return with_test_alone(found, ends) if sought else found
+
+
+def _bound(posterior: AnyPosterior, name: str, side: Side) -> dict[str, object]:
+    """One bound of a prior, and whether the case states it, as the numbers of a reason."""
+    bounds = posterior.problem.prior.bounds_of(name)
+    assert bounds is not None
+    default = posterior.has_default_prior(name)
+    return {"side": side, "bound": bounds[side == "upper"], "unit": posterior.unit(name), "default": default}
+
+
+def line_of(name: str, verdict: Verdict) -> str:
+    """Median, 95 % interval and verdict of one stiffness, on whatever surface.
+
+    Examples
+    --------
+    >>> line_of("k22", Verdict("identified", (1.51e6, 1.58e6), 1.52e6, "N·m/rad"))
+    'k22 = 1.52 (1.51 to 1.58) MN·m/rad: identified'
+    """
+    return f"{name}{'' if math.isfinite(verdict.limit) else ' ='} {verdict.value}: {verdict.words}"
+
+
+def reason_lines(verdict: Verdict) -> list[str]:
+    """Why, a line each, with what is known without what the verdict takes as exact."""
+    return [text for text in (*map(str, verdict.reasons), verdict.next_to_it) if text]
 
 
 def mode_sentence(posterior: AnyPosterior) -> str:
     """Why the joint mode lies outside a 95 % interval; empty where it does not."""
-    outside = [name for name in posterior.stiffness_names if not _holds(posterior.interval(name), posterior.mode[name])]
+    ends = {name: posterior.interval(name) for name in posterior.stiffness_names}
+    outside = [name for name, (low, high) in ends.items() if not low <= posterior.mode[name] <= high]
     if not outside:
         return ""
     names = " and ".join(outside)
     return f"The joint mode lies outside the 95 % interval of {names}: the distribution is skewed. Quote the median."
-
-
-def _holds(interval: tuple[float, float], value: float) -> bool:
-    return interval[0] <= value <= interval[1]
-
-
-def bounded_by_data(
-    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, finding: Identifiability, theta: Array,
-    values: Array, error: Error,
-) -> Identifiability:  # fmt: skip
-    """The finding, bounded on one side where the data leave the other side open as far as the prior's bound.
-
-    Where draws of θ, shape (n, d), reach a bound, or the draws do not identify the stiffness, the likelihood decides:
-    an end that it leaves open within the prior is open. Of more unknowns than `MOST_UNKNOWNS` a bound that the draws
-    reach counts as open. `values` are the draws of the stiffness, and `error` that of their quantiles.
-    """
-    prior = posterior.problem.prior
-    reached = {side for held, side in bounds_within_reach(prior, theta) if held == name}
-    certain = finding.verdict in CERTAINTY
-    if prior.bounds_of(name) is None or (certain and not reached):
-        return finding
-    if len(prior.names) > MOST_UNKNOWNS:
-        sides = reached
-    else:
-        (low, high), _ = region().limits(posterior.stiffness_names.index(name), FALL_TWO_SIDED, FALL_PRINTED)
-        ends: tuple[tuple[Side, float], ...] = (("lower", low), ("upper", high))
-        sides = {side for side, end in ends if math.isnan(end)}
-    if not sides or (len(sides) == 2 and not certain):
-        return finding
-    if len(sides) == 2:
-        both = " and ".join(_bound_in_words(posterior, name, side) for side in ("lower", "upper"))
-        return finding.judge("not identified", f"{both} limit it on both sides")
-    (side,) = sides
-    bound = _bound_in_words(posterior, name, side)
-    of_default = f"the test gives no {side} limit, searched {bound.removeprefix(_DEFAULT)}"
-    reason = of_default if bound.startswith(_DEFAULT) else f"{bound} limits it"
-    limit, before = float(np.quantile(values, _LIMIT[side])), posterior.prior_values(name)
-    excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
-    if excluded < LEAST_EXCLUDED:
-        return finding.judge("not identified", f"{reason}, and the data exclude {_TOO_LITTLE}")
-    return finding.judge("bounded below" if side == "upper" else "bounded above", reason, (limit, error(_LIMIT[side])))
-
-
-def by_likelihood(
-    posterior: AnyPosterior, region: Callable[[], LikelihoodRegion], name: str, finding: Identifiability
-) -> Identifiability:
-    """The finding with what is printed: at each end the more cautious of what the draws and what the likelihood say.
-
-    A limit that excludes next to nothing of the prior by the likelihood is none. `region` gives the joints that fit
-    nearly as well as the best, which takes seconds to find.
-    """
-    if len(posterior.problem.names) > MOST_UNKNOWNS:
-        return finding
-    bounded, index = math.isfinite(finding.limit95), posterior.stiffness_names.index(name)
-    fall = FALL_ONE_SIDED if bounded else FALL_TWO_SIDED
-    at95, (low, high) = region().limits(index, fall, FALL_PRINTED)
-    if not bounded:
-        ends = min(finding.interval95[0], low), max(finding.interval95[1], high)
-        if finding.verdict_reason == verdict_by_rule(finding.ratio, finding.contraction)[1]:  # that of the draws
-            _, reason = verdict_by_rule(finding.ratio, finding.contraction, ratio_of(ends))
-            finding = replace(finding, verdict_reason=reason)
-        return replace(finding, likelihood95=at95, printed95=ends)
-    low, high = min(finding.limit95, low), max(finding.limit95, high)
-    ends = (low, math.nan) if finding.verdict == "bounded below" else (math.nan, high)
-    prior = posterior.prior_values(name)
-    excluded = float(((prior < ends[0]) | (prior > ends[1])).mean())
-    if excluded >= LEAST_EXCLUDED:
-        return replace(finding, likelihood95=at95, printed95=ends)
-    few = f"{finding.verdict_reason}, and by likelihood the data exclude {_TOO_LITTLE}"
-    finding = finding.judge("not identified", few)
-    return by_likelihood(posterior, region, name, finding)
-
-
-_DEFAULT = "the default range "
-
-
-def _bound_in_words(posterior: AnyPosterior, name: str, side: Side) -> str:
-    """Such as "the prior's upper bound 1e8 N·m/rad"; what nobody stated is named as that."""
-    bounds = posterior.problem.prior.bounds_of(name)
-    assert bounds is not None
-    if posterior.has_default_prior(name):
-        reach = "up to" if side == "upper" else "from"
-        return f"{_DEFAULT}{reach} {quantity_text(bounds[side == 'upper'], posterior.unit(name))}"
-    return f"the prior's {side} bound {join_unit(number(bounds[side == 'upper']), posterior.unit(name))}"
 
 
 def bounds_within_reach(prior: JointPrior, theta: Array) -> tuple[tuple[str, Side], ...]:

@@ -14,7 +14,7 @@ from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.phrases import not_converged
-from jointbayes.posterior.verdicts import lines_of
+from jointbayes.posterior.verdicts import line_of, reason_lines
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread
 from vibrecords.arrays import Array
@@ -155,10 +155,10 @@ def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units
             continue
         known, si_unit = posterior.verdict(quantity.name), posterior.unit(quantity.name)
         factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
-        low, high = (f"{end * factor:.4g}" for end in known.ends[0])
-        verdict = known.words if known.verdict in CERTAINTY else known.words.upper()
+        low, high = (f"{end * factor:.4g}" for end in known.interval)
+        verdict = known.words if known.cls in CERTAINTY else known.words.upper()
         said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
-        said.append(f"In SI units: {'; '.join(map(str.strip, lines_of(quantity.name, known)))}.")
+        said.append(f"In SI units: {line_of(quantity.name, known)} ({'; '.join(reason_lines(known))}).")
         if quantity.role != "stiffness":
             said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
     return said

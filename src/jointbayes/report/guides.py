@@ -7,7 +7,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from jointbayes.posterior.identifiability import IDENTIFIED_RATIO, WEAK_RATIO
+from jointbayes.posterior.identifiability import RULE
 from jointbayes.report.model import Block, Figure, Guide, Report
 from jointbayes.sampling import SamplerSettings
 
@@ -37,5 +37,5 @@ def _guided(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
 
 def terms() -> dict[str, str]:
     """Meaning of each term, in the order in which they are printed."""
-    limits = {"identified": IDENTIFIED_RATIO, "weak": WEAK_RATIO, "r_hat": SamplerSettings().r_hat_max}
+    limits = {"identified": RULE.identified, "weak": RULE.weakly_identified, "r_hat": SamplerSettings().r_hat_max}
     return {term: meaning.format(**limits) for term, meaning in packaged("terms.toml").items()}

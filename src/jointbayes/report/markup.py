@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from jointbayes.inference import Problem
-from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict
+from jointbayes.posterior.identifiability import VerdictClass
+from jointbayes.posterior.phrases import NO_VALID_VALUE
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
 #: Uncertain quantities in a sentence, and on an axis.
@@ -115,7 +116,7 @@ class Badge:
     symbol: str
 
 
-_BADGES: dict[Verdict | str, Badge] = {
+_BADGES: dict[VerdictClass | str, Badge] = {
     "identified": Badge("good", "✓"),
     "weakly identified": Badge("caution", "~"),
     "not identified": Badge("bad", "✗"),
@@ -136,11 +137,7 @@ def badge(cell: str) -> Badge | None:
     >>> badge("5.05e9") is None
     True
     """
-    verdict, condition, _ = cell.strip().partition(" if ")
-    mark = _BADGES.get(verdict.removesuffix(" only"))
-    if mark is None or not condition:
-        return mark
-    return Badge("bad" if mark.kind == "bad" else "caution", "~")  # never a green tick under a condition
+    return _BADGES.get(cell.strip())
 
 
 def kind_of(verdict: str) -> Kind | Literal[""]:

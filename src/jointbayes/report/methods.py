@@ -3,6 +3,7 @@
 A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file beside the report.
 """
 
+import math
 import re
 from collections.abc import Iterable
 from importlib.resources import files
@@ -53,7 +54,7 @@ def methods_text(inputs: ReportInputs) -> str:
     told += [say["check"].format(check.sentence) for check in posterior.checks]
     ran = {
         "whiteness": any(check.whiteness is not None for check in posterior.checks),
-        "likelihood": any(any(p.known.printed_by_likelihood) for p in summary.parameters.values()),
+        "likelihood": any(math.isfinite(p.known.limit) for p in summary.parameters.values()),
         "profiles": knowledge.profiles,
         "simpler": knowledge.simpler,
     }

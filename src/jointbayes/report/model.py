@@ -110,7 +110,7 @@ class Table:
     head : tuple of str, shape (n_columns,)
         Column titles.
     rows : tuple of tuple of str, shape (n_rows, n_columns)
-        Formatted cells. A cell or its second line that is exactly a verdict, as `Identifiability.words` has it,
+        Formatted cells. A cell or its second line that is exactly a verdict, as `Verdict.plain_words` has it,
         becomes a badge with colour and symbol.
     align : str, optional
         One letter per column, ``"l"`` or ``"r"``. By default a column of numbers is set to the right.

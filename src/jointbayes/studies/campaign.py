@@ -38,7 +38,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import Callout, ReportSection, Table
 from jointbayes.report.run_directory import write_into
 from jointbayes.reproducibility import code_version
-from jointbayes.rounding import engineering, join_unit, one_sided
+from jointbayes.rounding import engineering, join_unit, quantity_text
 from jointbayes.studies.workers import Outcome, run_tasks
 from jointbayes.workflow import load_posterior
 from vibrecords.errors import path_fault, printable
@@ -53,7 +53,7 @@ DONE, FAILED, KILLED = "done", "failed", "killed its worker"
 #: Columns that an index has whatever its cases are; those up to "code" are written as soon as a case has ended.
 COLUMNS = ("key", "serial", "date", "status", "error", "attempts", "seed", "seconds", "fingerprint", "code")
 _OF_SUMMARY = ("converged", "reason", "explains")
-_OF_STIFFNESS = ("unit", "map", "median", "low95", "high95", "limit95", "verdict")
+_OF_STIFFNESS = ("unit", "map", "median", "low95", "high95", "limit", "verdict")
 #: What workers have from the start: all that a case needs.
 _PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign")
 _OWN = ("key", "serial", "date", "case")  # columns that are no keys of a case file
@@ -559,9 +559,7 @@ def _found(run: Path) -> Row:
     row = {"converged": summary["converged"], "reason": summary["reason"]}
     row["explains"] = (summary["check"] or {}).get("explains")
     for name, known in summary["parameters"].items():
-        printed = known.get("printed95") or (None, None)
-        ends = [drawn if end is None else end for drawn, end in zip(known["interval95"], printed, strict=True)]
-        cells = known | dict(zip(("low95", "high95"), ends, strict=True))
+        cells = known | dict(zip(("low95", "high95"), known["interval95"], strict=True))
         row |= {f"{name}.{column}": cells.get(column) for column in _OF_STIFFNESS}
     return row
 
@@ -680,11 +678,9 @@ def _known(row: Row, name: str) -> str:
     verdict = row.get(f"{name}.verdict")
     if verdict is None or verdict in ("not identified", "no verdict"):
         return verdict or "–"
-    low, high, limit, unit = (row[f"{name}.{column}"] for column in ("low95", "high95", "limit95", "unit"))
-    if verdict == "bounded below":
-        return one_sided("above", low if limit is None else limit, unit)
-    if verdict == "bounded above":
-        return one_sided("below", high if limit is None else limit, unit)
+    low, high, limit, unit = (row[f"{name}.{column}"] for column in ("low95", "high95", "limit", "unit"))
+    if verdict in ("bounded below", "bounded above"):
+        return f"{'above' if verdict == 'bounded below' else 'below'} {quantity_text(limit, unit)}"
     ends, in_unit = engineering((low, high), unit)
     return join_unit(" to ".join(ends), in_unit)
 

@@ -19,7 +19,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
 from jointbayes.posterior.evidence_table import VERY_STRONG, EvidenceTable, bayes_factor_words, is_close, odds
-from jointbayes.posterior.identifiability import listed
+from jointbayes.posterior.phrases import listed
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import report_text

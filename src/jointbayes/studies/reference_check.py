@@ -83,7 +83,7 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     reference = require_reference(case)
     apart = f"{posterior.mode_distance:.1e} sd apart"
     lines = [
-        CheckLine("sampler", posterior.record.headline.rstrip("."), "converged", posterior.converged),
+        CheckLine("sampler", posterior.record.state.rstrip("."), "converged", posterior.converged),
         CheckLine("mode against MAP", apart, "the same point", posterior.mode_agrees),
     ]
     exact = case.spec.data.kind == "synthetic_frf" and not case.spec.data.noise.added

@@ -23,8 +23,7 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT, importance_evidence
 from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
-from jointbayes.posterior.identifiability import listed
-from jointbayes.posterior.phrases import not_converged
+from jointbayes.posterior.phrases import listed, not_converged
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
 from jointbayes.sampling import fit_proposal

@@ -224,6 +224,8 @@ TABLE = (
     Limits(f"{' '.join(quantity.name for quantity in COUPLED)} stiffness low high median guess mean sd", 1e-12, 1e15),
     Limits("sd_log decades", 1e-6, 100.0),
     Limits("sd_percent", 1e-6, 100.0),
+    Limits("identified weakly_identified", 1.0, 1e6),
+    Limits("contraction", 1e-3, 1.0),
     Limits("sd_mm low_mm high_mm", 1e-6, 1e6),
     Limits("low_factor high_factor scale_low_factor scale_high_factor", 1e-6, 1e6),
     Limits("scale_low scale_high scale_guess averages_factor", 1e-6, 1e6),

@@ -37,6 +37,7 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import HYPOTHESES, USUAL_HYPOTHESES
+from jointbayes.verdict_rule import VerdictRule
 
 _LINE = r"^[^\r\n]*$"
 
@@ -115,6 +116,28 @@ class CompareSpec(Spec):
     """What `jointbayes compare` sets against each other: how much of the joint is flexible."""
 
     hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
+
+
+def _ratio(of: str, example: float) -> object:
+    what = f"the largest upper over lower end of the 95 % interval of {of} stiffness, a number greater than 1"
+    return Field(gt=1, description=what, examples=[example])
+
+
+_RULE = VerdictRule()
+_CONTRACTION = Field(
+    gt=0,
+    lt=1,
+    description="the least share of the prior's variance removed, a number greater than 0 and below 1",
+    examples=[0.6],
+)
+
+
+class VerdictSpec(Spec):
+    """Thresholds of the verdict on one stiffness."""
+
+    identified: Annotated[float, _ratio("an identified", 1.02)] = _RULE.identified
+    weakly_identified: Annotated[float, _ratio("a weakly identified", 2.0)] = _RULE.weakly_identified
+    contraction: Annotated[float, _CONTRACTION] = _RULE.contraction
 
 
 def _changes(of: str) -> object:

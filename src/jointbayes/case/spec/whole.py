@@ -47,6 +47,7 @@ from jointbayes.case.spec.settings_tables import (
     ReferenceSpec,
     SamplingSpec,
     TestSpec,
+    VerdictSpec,
 )
 from jointbayes.case.spec.structure_tables import (
     BeamSpec,
@@ -127,6 +128,9 @@ class CaseSpec(Spec):
         PredictSpec | None, Field(description="what `predict` is to compute of this structure: DOFs and lines")
     ] = None
     reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
+    verdict: Annotated[
+        dict[str, VerdictSpec], Field(description="thresholds of verdicts, a table for a stiffness, as [verdict.k22]")
+    ] = {}  # noqa: RUF012 (pydantic copies it)
 
     @property
     def all_joints(self) -> dict[str, JointSpec]:
@@ -537,6 +541,20 @@ def _noise_findings(case: CaseSpec) -> Iterator[Finding]:
         yield Finding(("noise", "distribution"), fault, _FRF_ONLY, "remove it")
 
 
+def _verdict_findings(case: CaseSpec) -> Iterator[Finding]:
+    """Yield thresholds of a stiffness that there is none of, and such that do not rise."""
+    names = list(case.all_quantities)
+    names += [prefixed(test, name) for test in case.tests for name in names]
+    for name, rule in case.verdict.items():
+        if name not in names:
+            expected = f"a stiffness of the joint, such as {names[0] if names else 'k11'}"
+            yield Finding(("verdict", name), f"found {show_key((name,))}", expected, "correct the name")
+        elif rule.identified > rule.weakly_identified:
+            found = f"found {rule.identified:g}, above weakly_identified = {rule.weakly_identified:g}"
+            remedy = "state both"
+            yield Finding(("verdict", name, "identified"), found, "at most weakly_identified", remedy)
+
+
 def _left_out_findings(case: CaseSpec) -> Iterator[Finding]:
     """Yield what cannot be left out: modes of FRFs, lines of modes, tests that are none, all, or have own joints."""
     left_out, tests = case.left_out, list(case.tests)
@@ -563,4 +581,5 @@ _RULES = (
     _truth_findings,
     _noise_findings,
     _left_out_findings,
+    _verdict_findings,
 )

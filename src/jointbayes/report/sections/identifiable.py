@@ -5,8 +5,9 @@ import numpy as np
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
-from jointbayes.posterior.identifiability import NO_VALID_VALUE, Verdict, listed
+from jointbayes.posterior.identifiability import VerdictClass
 from jointbayes.posterior.knowledge import UncertainInputsRow
+from jointbayes.posterior.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
@@ -16,8 +17,8 @@ from jointbayes.rounding import factor, interval, number, rounded_interval
 from jointbayes.sampling import END_TOLERANCE
 
 _MOST_COLUMNS = 4
-#: What a verdict's reason says where the prior decides.
-_OF_RANGE = ("the default range", " limit, searched ", "bound ", "rest on the prior", "rests on the prior")
+#: Reasons of a verdict where the prior decides.
+_OF_RANGE = {Reason.OPEN, Reason.OPEN_BOTH, Reason.AT_BOUND}
 _ROWS_OF_PAGE_ONE = 2  # the run, and everything uncertain: both answers stand there
 
 
@@ -34,7 +35,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
-    dash = "A dash: draws of both signs, or a one-sided limit at 95 %." if any("–" in row for row in rows) else ""
+    dash = "A dash: draws of both signs, or a one-sided limit at 97.5 %." if any("–" in row for row in rows) else ""
     ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
     blocks.append(
         Table(
@@ -49,7 +50,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
 
 
-def _verdict(verdict: Verdict, *, explained: bool) -> str:
+def _verdict(verdict: VerdictClass, *, explained: bool) -> str:
     """A verdict as on page one: what is not known is not known under any condition."""
     return verdict if explained or verdict in ("not identified", "no verdict") else NO_VALID_VALUE
 
@@ -132,9 +133,9 @@ def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:
     found = {}
     for row in knowledge.freed[:1] + knowledge.freed[-1:]:
         for name, known in row.known.items():
-            if known.verdict != "no verdict" and any(words in known.verdict_reason for words in _OF_RANGE):
+            if known.cls != "no verdict" and any(because.reason in _OF_RANGE for because in known.reasons):
                 where = f"With {listed(row.uncertain)} uncertain" if row.uncertain else "With all else certain"
-                found[where, name] = f"{where} the prior decides on {name}: {known.verdict_reason}."
+                found[where, name] = f"{where} the prior decides on {name}: {known.because}."
     return (" ".join(found.values()),) if found else ()
 
 
@@ -148,14 +149,14 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
         low, high = map(profile.coordinate.value, profile.interval)
         ends = ("none" if profile.open_below else number(low), "none" if profile.open_above else number(high))
         parameter = summary.parameters.get(profile.name)
-        rows.append((profile.name, *ends, interval(parameter.known.interval95) if parameter else "–"))
+        rows.append((profile.name, *ends, interval(parameter.known.interval) if parameter else "–"))
     others = [p.coordinate for p in knowledge.profiles if p.name not in summary.parameters]
     units = "".join(f"; {axis.name} {'has none' if axis.unit == '1' else f'in {axis.unit}'}" for axis in others)
     none = "None: the data set no limit within the prior's bounds. " if any("none" in row for row in rows) else ""
     blocks: tuple[Block, ...] = (
         Paragraph(
             "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
-            "so well. An end that page one gives by likelihood ratio is the limit at 97.5 %, farther out."
+            "so well. One end alone is a limit at 97.5 %."
         ),
         Table(
             "Likelihood-ratio limits at 95 %",

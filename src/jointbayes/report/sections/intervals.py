@@ -5,14 +5,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
 from jointbayes.posterior.phrases import published_values
 from jointbayes.posterior.summary import Summary
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Block, Figure, Paragraph, ReportSection, Table
-from jointbayes.rounding import contraction, fixed, interval, number, sentence_start
+from jointbayes.rounding import contraction, fixed, interval, number
 from vibrecords.arrays import Array
 
 _MOST_IN_CORNER = 6  # coordinates of a figure in which each can be read
@@ -124,13 +123,9 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
 
 
 def verdict_sentences(summary: Summary, *, beside: bool = True) -> str:
-    """Each stiffness's verdict with its reason, a sentence each; `beside`: also without what it takes as exact."""
+    """Each stiffness's verdict with its reasons, a sentence each; `beside`: also without what it takes as exact."""
     sentences = []
     for name, p in summary.parameters.items():
-        assessment = p.known
-        reason = assessment.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-        reason += f"; {assessment.beside}" if assessment.beside and beside else ""
-        ends = f" {assessment.source}" if assessment.source else ""
-        volume = f" {sentence_start(assessment.prior_volume)}." if assessment.prior_volume else ""
-        sentences.append(f"**{name}**{ends}: {p.verdict} ({reason}).{volume}")
+        reasons = [*map(str, p.known.reasons), *([p.known.next_to_it] if beside and p.known.next_to_it else [])]
+        sentences.append(f"**{name}**: {p.known.words} ({'; '.join(reasons)}).")
     return " ".join(sentences)

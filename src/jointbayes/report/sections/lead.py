@@ -1,7 +1,6 @@
 """Page one: what was tested, the answer, whether it can be trusted, what limits it and what to do next."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,25 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.inference import Problem, Test
-from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import (
-    IDENTIFIED_RATIO,
-    IF_MODEL_RIGHT,
-    WEAK_RATIO,
-    Identifiability,
-    listed,
-    ratio_of,
-)
-from jointbayes.posterior.knowledge import RANK, quantities_taken_as_exact, uncertain_quantities
-from jointbayes.posterior.phrases import NOT_SETTLED, WORKSHOP, taken_as_exact
+from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
+from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_quantities
+from jointbayes.posterior.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
-from jointbayes.posterior.run_record import DO_NOT_USE
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
 from jointbayes.report.sections.trust import lights_of
 from jointbayes.report.structure_sketch import dof_words, sketch
-from jointbayes.rounding import percent, quantity_text, sentence_start
+from jointbayes.rounding import percent, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported import ImportedRecipe
 from vibrecords import FrfData
@@ -46,7 +36,7 @@ class _Answer:
     """What is known of each stiffness under one assumption on everything else."""
 
     title: str
-    known: Mapping[str, Identifiability]
+    known: Mapping[str, Verdict]
 
 
 def lead(inputs: ReportInputs) -> tuple[Block, ...]:
@@ -76,8 +66,7 @@ def _stops(inputs: ReportInputs) -> list[Block]:
     """What forbids the use of the numbers: it stands above everything."""
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
-        reason = posterior.reason.removeprefix("not converged ")
-        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}: {NOT_SETTLED}** {reason}.")]
+        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}.** {sentence_start(posterior.reason)}.")]
     if summary.no_verdict:
         return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     return []
@@ -185,7 +174,7 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     if len(names) > most:
         most = _FEW
         first = answers[0].known
-        by_need = sorted(names, key=lambda n: (-RANK.get(first[n].verdict, 9), -ratio_of(first[n].ends[0])))
+        by_need = sorted(names, key=lambda n: (-RANK.get(first[n].cls, 9), -ratio_of(first[n].interval)))
         names = tuple(name for name in names if name in by_need[:most])
     rows, kinds, bars = [], [], []
     for name in names:
@@ -200,6 +189,8 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     every = len(inputs.posterior.stiffness_names)
     damped = inputs.posterior.problem.parametrisation.damped
     note = "Median, in brackets the 95 % interval. Bars and per cent: what is left of the prior's range."
+    if any(math.isfinite(each.limit) for answer in answers for each in answer.known.values()):
+        note += f" {LIMIT_NOTE}"
     if every > most:
         note += f" The {most} known least of {every}: {_counts(answers[0].known)}; the section on stiffness has all."
     return Table(
@@ -213,17 +204,17 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     )
 
 
-def _counts(known: Mapping[str, Identifiability]) -> str:
+def _counts(known: Mapping[str, Verdict]) -> str:
     """How many stiffnesses have each verdict, best first."""
-    counts = Counter(each.plain_words for each in sorted(known.values(), key=lambda each: RANK.get(each.verdict, 9)))
+    counts = Counter(each.plain_words for each in sorted(known.values(), key=lambda each: RANK.get(each.cls, 9)))
     return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
 
 
-def _bar(known: Identifiability, prior95: tuple[float, float]) -> tuple[float, float, float]:
+def _bar(known: Verdict, prior95: tuple[float, float]) -> tuple[float, float, float]:
     """Lower end, median and upper end of an interval as shares of the prior's; of what is positive by logarithms."""
-    low, high = known.ends[0]
-    if known.limit:
-        low, high = (known.printed_limit, math.inf) if known.verdict == "bounded below" else (0.0, known.printed_limit)
+    low, high = known.interval
+    if math.isfinite(known.limit):
+        low, high = (known.limit, math.inf) if known.cls == "bounded below" else (0.0, known.limit)
     ends = np.clip([low, known.median, high], *prior95)
     first, *places, last = (np.log if prior95[0] > 0 else np.asarray)([prior95[0], *ends, prior95[1]])
     low, median, high = ((place - first) / (last - first) for place in places)
@@ -236,11 +227,11 @@ def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     assumed, taken = problem.premises.assumed, quantities_taken_as_exact(knowledge.freed)
     if len(answers) == 2 and taken:
         run, workshop = sorted(answers, key=lambda answer: answer.title == _WORKSHOP)
-        worse = [n for n, k in run.known.items() if RANK[workshop.known[n].verdict] > RANK[k.verdict]]
+        worse = [n for n, k in run.known.items() if RANK[workshop.known[n].cls] > RANK[k.cls]]
         left = (
             f"{_more(worse)} {'is' if len(worse) == 1 else 'are'} known less well" if worse else "no verdict is worse"
         )
-        if all(known.verdict == "not identified" for known in workshop.known.values()):
+        if all(known.cls == "not identified" for known in workshop.known.values()):
             left = "this test determines none of the stiffnesses"
         usual = f"{WORKSHOP} ({', '.join(knowledge.assumed)})"
         exact = sentence_start(taken_as_exact(listed(taken), len(taken)))
@@ -269,7 +260,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         parts.append("The model misses the data: intervals from such a fit are too narrow.")
     if solutions := inputs.posterior.solutions.description:
         parts.append(foreign(solutions))
-    parts += _reasons(answers[0].known, inputs.posterior)
+    parts += _reasons(answers[0].known)
     if summary.left_out:
         parts.append(foreign(sentence_of_left_out(summary.left_out)))
     return " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
@@ -279,24 +270,12 @@ def _more(names: Sequence[str]) -> str:
     return listed_names([foreign(name) for name in names[:_MOST_NAMED]]) + (" …" if len(names) > _MOST_NAMED else "")
 
 
-def _reasons(known: Mapping[str, Identifiability], posterior: Posterior) -> list[str]:
+def _reasons(known: Mapping[str, Verdict]) -> list[str]:
     """Why stiffnesses are no better known, those of one reason together, the first few reasons."""
     by_reason: dict[str, list[str]] = {}
     for name, each in known.items():
-        if each.verdict not in ("identified", "no verdict"):
-            by_reason.setdefault(_reason(each, posterior.unit(name)), []).append(name)
+        if each.cls not in ("identified", "no verdict"):
+            by_reason.setdefault(each.because, []).append(name)
     sentences = [f"{_more(names)}: {reason}." for reason, names in by_reason.items()]
     more = [f"And {len(sentences) - _MOST_REASONS} more."] if len(sentences) > _MOST_REASONS else []
     return [*sentences[:_MOST_REASONS], *more]
-
-
-def _reason(known: Identifiability, unit: str) -> str:
-    """What the verdict says, or what keeps a weakly identified stiffness from better, in engineering units."""
-    reason = known.verdict_reason.removeprefix(f"{IF_MODEL_RIGHT}: ")
-    if known.verdict == "weakly identified":
-        reason = reason.replace(f"at most {WEAK_RATIO:g}", f"more than {IDENTIFIED_RATIO:g}")
-
-    def in_engineering_units(found: re.Match[str]) -> str:
-        return quantity_text(float(found[1]), unit)
-
-    return re.sub(rf"([\d.]+(?:e\d+)?) {re.escape(unit)}(?![\w·])", in_engineering_units, reason)

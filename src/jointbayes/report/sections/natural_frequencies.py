@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from jointbayes.inference import ModePrediction, Problem, mac
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import IF_MODEL_RIGHT
+from jointbayes.posterior.phrases import IF_MODEL_RIGHT
 from jointbayes.posterior.summary import FrequencySummary
 from jointbayes.report import drawing
 from jointbayes.report.inputs import TestInputs

@@ -4,7 +4,7 @@ import math
 
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.posterior.run_record import DO_NOT_USE
+from jointbayes.posterior.phrases import DO_NOT_USE
 from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
@@ -31,7 +31,7 @@ def _calculation(inputs: ReportInputs) -> Light:
         return Light(name, "caution", text)
     if summary.mesh is not None and not summary.mesh.within:
         return Light(name, "caution", foreign(summary.mesh.sentence))
-    return Light(name, "good", posterior.record.headline.replace("The calculation has settled", "Settled"))
+    return Light(name, "good", posterior.record.state)
 
 
 def _model(inputs: ReportInputs) -> Light:
