@@ -159,6 +159,6 @@ CASES = [
         KeyCase(f"{made}[reference]\nsource = 'a table'\nstiffness = {stated}\n", keys="reference")
         for made, stated in ((SYNTHETIC[2], "{ ky = 5e7, krz = 6e4 }"), (SYNTHETIC[3], FEET))
     ),
-    KeyCase(WHOLE + PARTS["settings"], "identify", "iden|samp|ref"),
+    KeyCase(WHOLE + PARTS["settings"], "identify", "iden|samp|ref|verd"),
     KeyCase(USUAL + PARTS["several tests"], keys="tests"),
 ]

@@ -174,7 +174,7 @@ class Bench:
             if act == "identify":
                 workflow.identify(case)
         settings = {"sampler": case.sampler, "seed": workflow._seed(case, None)}
-        settings |= {"model_error": case.problem.model_error}
+        settings |= {"model_error": case.problem.model_error, "rules": case.verdict_rules}
         published = {"reference": case.reference, "published": case.spec.reference and case.measured_frequencies_hz}
         named = numbers_of(_of_problem(case.problem) | settings | published | self.seen)
         derived = DERIVED if "initial" in text else f"initial|{DERIVED}"
