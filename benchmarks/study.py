@@ -15,14 +15,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import stats
 
 from benchmarks.record import ROOT, environment, write_between
-from jointbayes.posterior import Posterior
-from jointbayes.posterior.identifiability import Verdict
+
+if TYPE_CHECKING:  # studies of measurement files run without jointbayes
+    from jointbayes.posterior import Posterior
+    from jointbayes.posterior.identifiability import Verdict
 
 Row = dict[str, Any]
 #: Kinds from which on a page has the shortest and the longest time.
@@ -123,7 +125,7 @@ class Study:
         return results
 
 
-def outcome(posterior: Posterior, truth: Mapping[str, float]) -> Row:
+def outcome(posterior: "Posterior", truth: Mapping[str, float]) -> Row:
     """What a run says of each quantity, next to its true value; JSON-ready. Open ends are None."""
     known = {}
     for name, true in truth.items():
@@ -135,7 +137,7 @@ def outcome(posterior: Posterior, truth: Mapping[str, float]) -> Row:
     return {"converged": posterior.converged, "explains": posterior.check.explains, "known": known}
 
 
-def printed(known: Verdict) -> tuple[float, float]:
+def printed(known: "Verdict") -> tuple[float, float]:
     """Ends that a run prints of a stiffness; infinite where it gives a limit on the other side."""
     if known.cls == "bounded below":
         return known.limit, math.inf

@@ -5,6 +5,7 @@ import datetime
 import json
 import math
 from dataclasses import asdict, replace
+from enum import Enum
 
 import numpy as np
 import pytest
@@ -181,7 +182,10 @@ BOUNDS_OF_K11 = (
 @pytest.mark.parametrize(
     ("prior", "reason"),
     [
-        ('distribution = "log_uniform"\nlow = 1.0e6\nhigh = 1.0e10\n', "the prior's upper bound 1e10 N/m limits it"),
+        (
+            'distribution = "log_uniform"\nlow = 1.0e6\nhigh = 1.0e10\n',
+            "the test sets no upper limit before the prior's upper bound 10.0 GN/m",
+        ),
     ],
 )
 def test_a_freed_row_is_bounded_by_its_prior_as_a_run_is(prior, reason):
@@ -452,7 +456,7 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
 
 @pytest.mark.whole
 def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
-    text = json.dumps(asdict(gathered.kept), default=lambda array: array.tolist())
+    text = json.dumps(asdict(gathered.kept), default=lambda x: x.value if isinstance(x, Enum) else x.tolist())
     kept = stored_value(KeptKnowledge, json.loads(text), "")
     for name in ("_profiles", "effect_of_uncertain_inputs"):
         monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))

@@ -204,7 +204,10 @@ class Summary:
         """Title and lines of each section of the table."""
         record, fit = self.record, self.fit
         known = [p.known for p in self.parameters.values()]
-        rows = [(f"{name}:", k.value, k.plain_words) for name, k in zip(self.parameters, known, strict=True)]
+        rows = [
+            (f"{name}:", k.value, f"{k.plain_words}{',' * bool(k.if_exact)}")
+            for name, k in zip(self.parameters, known, strict=True)
+        ]
         joint = []
         for line, k in zip(align_columns(rows) if known else [], known, strict=True):
             joint += [line, *in_lines(k.if_exact, 4)]
