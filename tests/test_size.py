@@ -14,18 +14,18 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 8490),
-    "structure": (3300, 4030),
-    "joint": (1200, 1470),
-    "frf": (2000, 2090),
-    "inference": (2500, 2900),
-    "identification": (1250, 1440),
+    "vibrecords": (6500, 8010),
+    "structure": (3300, 3940),
+    "joint": (1200, 1430),
+    "frf": (2000, 2060),
+    "inference": (2500, 2610),
+    "identification": (1250, 1410),
     "sampling": (1300, 2120),
-    "posterior": (3700, 5550),
+    "posterior": (3700, 4990),
     "studies": (1700, 1650),
-    "case": (4000, 4800),
-    "report": (2900, 3620),
-    "cli and what stands alone": (1400, 1660),
+    "case": (4000, 4780),
+    "report": (2900, 3540),
+    "cli and what stands alone": (1400, 1760),
 }
 
 

@@ -13,6 +13,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.inference import workshop
+from jointbayes.phrases import NO_VALID_VALUE
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import (
@@ -23,7 +24,6 @@ from jointbayes.posterior.knowledge import (
     effect_sentence,
     inputs_taken_as_exact,
 )
-from jointbayes.posterior.phrases import NO_VALID_VALUE
 from jointbayes.posterior.verdicts import reason_lines
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Lights, Paragraph, Table

@@ -14,10 +14,10 @@ from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.joint import parametrisation_named
+from jointbayes.phrases import Reason
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import RULE, assess, with_test_alone
 from jointbayes.posterior.limits import FALL, LikelihoodRegion
-from jointbayes.posterior.phrases import Reason
 from jointbayes.posterior.posterior import _profiles
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import quantity_text, with_interval

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.phrases import PHRASES, Reason
 from jointbayes.posterior import summarise, verdicts
 from jointbayes.posterior.identifiability import RULE, ExactInputs, Verdict, VerdictRule
-from jointbayes.posterior.phrases import PHRASES, Reason
 from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines
 from jointbayes.report.markup import badge
 from jointbayes.rounding import factor, quantity_text, rounded, rounded_interval

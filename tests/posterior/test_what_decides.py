@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.phrases import Because, Reason
 from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
-from jointbayes.posterior.phrases import Because, Reason
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem
+from jointbayes.phrases import Because, Reason, counted
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
-from jointbayes.posterior.phrases import Because, Reason, counted
 from jointbayes.posterior.prediction import LeftOut, further_measurement
 from jointbayes.posterior.run_record import RunRecord
 from jointbayes.rounding import join_unit, rounded, rounded_interval

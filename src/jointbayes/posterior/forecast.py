@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from jointbayes.phrases import WORKSHOP
 from jointbayes.posterior.fisher import LARGEST, WORTH_SAYING, spread_in_words
-from jointbayes.posterior.phrases import WORKSHOP
 from jointbayes.rounding import sentence_start
 
 #: A measurement that makes the standard deviation less than so many times smaller is not worth its price.

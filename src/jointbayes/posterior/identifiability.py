@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jointbayes.posterior.phrases import NO_VALID_VALUE, Because, Reason, listed
+from jointbayes.phrases import NO_VALID_VALUE, Because, Reason, listed
 from jointbayes.rounding import quantity_text, with_interval
 from jointbayes.verdict_rule import VerdictRule
 from vibrecords.arrays import Array

@@ -32,6 +32,7 @@ from scipy.special import chdtri
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
 from jointbayes.joint.parametrisation import RIGID
+from jointbayes.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.any_posterior import LEAST_SHARE, AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
 from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
@@ -49,7 +50,6 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.verdicts import conclude, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.rounding import likelihood_ratio

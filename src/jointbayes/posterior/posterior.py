@@ -16,6 +16,7 @@ from jointbayes.frf import Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
+from jointbayes.phrases import listed
 from jointbayes.posterior.any_posterior import Solutions
 from jointbayes.posterior.checks import PredictiveCheck, check_part
 from jointbayes.posterior.compared_frfs import ComparedFrf, compare_frfs, sentences_of_faults
@@ -41,7 +42,6 @@ from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies, check_mesh, noise_of_bodies
 from jointbayes.posterior.next_step import advice, next_steps
 from jointbayes.posterior.other_structure import OtherStructure, predict_other
-from jointbayes.posterior.phrases import listed
 from jointbayes.posterior.prediction import FrfPrediction, LeftOut, predict_frf, predict_left_out
 from jointbayes.posterior.run_record import RunRecord, SampledCase
 from jointbayes.posterior.storage import (

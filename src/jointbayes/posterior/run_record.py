@@ -16,7 +16,7 @@ from typing_extensions import TypedDict
 from jointbayes.frf import MeasuredBody
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior.phrases import DO_NOT_USE
+from jointbayes.phrases import DO_NOT_USE
 from jointbayes.reproducibility import code_version
 from jointbayes.sampling import Chains, Proposal, SamplerSettings
 from jointbayes.verdict_rule import VerdictRule

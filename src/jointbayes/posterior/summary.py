@@ -204,10 +204,8 @@ class Summary:
         """Title and lines of each section of the table."""
         record, fit = self.record, self.fit
         known = [p.known for p in self.parameters.values()]
-        rows = [
-            (f"{name}:", k.value, f"{k.plain_words}{',' * bool(k.if_exact)}")
-            for name, k in zip(self.parameters, known, strict=True)
-        ]
+        words = [f"{k.plain_words}," if k.if_exact else k.plain_words for k in known]
+        rows = [(f"{name}:", k.value, cls) for name, k, cls in zip(self.parameters, known, words, strict=True)]
         joint = []
         for line, k in zip(align_columns(rows) if known else [], known, strict=True):
             joint += [line, *in_lines(k.if_exact, 4)]

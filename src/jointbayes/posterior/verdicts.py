@@ -13,10 +13,10 @@ from dataclasses import replace
 from functools import partial
 
 from jointbayes.inference import JointPrior, OfStiffness
+from jointbayes.phrases import Because, Reason
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.identifiability import CERTAINTY, Side, Verdict, VerdictClass, assess, with_test_alone
 from jointbayes.posterior.limits import LikelihoodRegion
-from jointbayes.posterior.phrases import Because, Reason
 from jointbayes.sampling import quantile_error
 from vibrecords.arrays import Array
 

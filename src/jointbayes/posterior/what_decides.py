@@ -8,8 +8,8 @@ import numpy as np
 
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import Problem
+from jointbayes.phrases import listed
 from jointbayes.posterior.fisher import WORTH_SAYING, fisher_information, spread_in_words
-from jointbayes.posterior.phrases import listed
 from jointbayes.rounding import sentence_start
 from vibrecords.arrays import Array
 

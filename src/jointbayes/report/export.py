@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
+from jointbayes.phrases import not_converged
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
-from jointbayes.posterior.phrases import not_converged
 from jointbayes.posterior.verdicts import line_of, reason_lines
 from jointbayes.report.fe_cards import PROGRAMS, JointElement, Units, ascii_lines, fe_cards, joint_element
 from jointbayes.reproducibility import one_blas_thread

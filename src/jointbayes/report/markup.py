@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from jointbayes.inference import Problem
+from jointbayes.phrases import NO_VALID_VALUE
 from jointbayes.posterior.identifiability import VerdictClass
-from jointbayes.posterior.phrases import NO_VALID_VALUE
 
 Kind: TypeAlias = Literal["good", "caution", "bad"]
 #: Uncertain quantities in a sentence, and on an axis.

@@ -14,12 +14,12 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, Parametrisation, Quantity, joint_under_hypothesis
 from jointbayes.joint.quantities import split_hypothesis
+from jointbayes.phrases import listed
 from jointbayes.posterior import data_sha256, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
 from jointbayes.posterior.evidence_table import VERY_STRONG, EvidenceTable, bayes_factor_words, is_close, odds
-from jointbayes.posterior.phrases import listed
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.markup import foreign
 from jointbayes.report.methods import report_text

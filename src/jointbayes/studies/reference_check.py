@@ -7,8 +7,8 @@ import numpy as np
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError
 from jointbayes.joint import COUPLED
+from jointbayes.phrases import published_values
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.phrases import published_values
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import signed
 

@@ -20,10 +20,10 @@ from jointbayes.inference import JointPrior, ModelErrorNoise, Nuisance, Problem
 from jointbayes.inference.problem import is_one_structure
 from jointbayes.joint.blocks import Block, Blocks
 from jointbayes.joint.quantities import prefixed
+from jointbayes.phrases import listed, not_converged
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import PARETO_LIMIT, importance_evidence
 from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
-from jointbayes.posterior.phrases import listed, not_converged
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
 from jointbayes.sampling import fit_proposal

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from jointbayes.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
 from jointbayes.posterior.identifiability import VerdictClass
 from jointbayes.posterior.knowledge import UncertainInputsRow
-from jointbayes.posterior.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from jointbayes.phrases import published_values
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.phrases import published_values
 from jointbayes.posterior.summary import Summary
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.inference import Problem, Test
+from jointbayes.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
 from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
 from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_quantities
-from jointbayes.posterior.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.inference import ModePrediction, Problem, mac
+from jointbayes.phrases import IF_MODEL_RIGHT
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.phrases import IF_MODEL_RIGHT
 from jointbayes.posterior.summary import FrequencySummary
 from jointbayes.report import drawing
 from jointbayes.report.inputs import TestInputs

@@ -2,9 +2,9 @@
 
 import math
 
+from jointbayes.phrases import DO_NOT_USE
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.posterior.phrases import DO_NOT_USE
 from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
