@@ -25,7 +25,7 @@ from jointbayes.identification import (
     sensitivity_iteration,
     why_not_iterated,
 )
-from jointbayes.inference import Independent, Premises, Problem, in_workshop
+from jointbayes.inference import Landing, Premises, Problem, in_workshop
 from jointbayes.posterior import Posterior, RunRecord, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
@@ -38,9 +38,9 @@ from jointbayes.sampling import (
     Chains,
     Proposal,
     SamplerSettings,
+    draws_from_two_origins,
     fit_each_mode,
     independent_chains,
-    released_draws,
     replace_far_walkers,
     run_adapted,
     starting_walkers,
@@ -332,10 +332,10 @@ def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback) -> Post
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
     )
-    return _posterior(run, last, chains)
+    return _posterior(run, last.efficiency, chains)
 
 
-def _posterior(run: _Run, proposal: Proposal, chains: Chains) -> Posterior:
+def _posterior(run: _Run, efficiency: float, chains: Chains) -> Posterior:
     problem, estimate = run.problem, run.estimate
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
     mode = refine_where_possible(problem.log_posterior, chains.theta[best])
@@ -350,7 +350,7 @@ def _posterior(run: _Run, proposal: Proposal, chains: Chains) -> Posterior:
         run.seed,
         chains.converged,
         chains.reason,
-        sampler_figures(run.settings, chains, proposal, problem.names),
+        sampler_figures(run.settings, chains, efficiency, problem.names),
         dict(zip(problem.names, chains.r_hat.tolist(), strict=True)),
         package_versions(),
     )
@@ -372,32 +372,27 @@ def sample_quickly(
     settings: SamplerSettings | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> Posterior:
-    """Draw by importance where that settles, as of few data with an error of the model; else by walkers.
+    """Draw by importance from two origins, as of few data with an error of the model; else by walkers.
 
     It is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
     """
     d, began, tell = len(problem.names), time.perf_counter(), callback_of(progress)
     settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
     run = _Run(problem, case, seed, settings, find_map(problem, seed=seed, progress=progress))
-    tell(Progress("preparing the sampling"))
-    proposal = run.fitted_proposal()
     tell(Progress("sampling"))
-    drawn = released_draws(
-        problem.log_posterior,
-        coordinate_systems(problem),
-        np.zeros((0, d)),
+    found = draws_from_two_origins(
+        Landing(problem.log_posterior, mode=run.estimate.theta),
+        np.array([mode.theta for mode in run.estimate.modes]),
         run.generator(_STEPS),
         judged_quantities(problem.prior),
-        proposal=proposal,
-        wide=Independent(problem.prior.all_marginals),
-        modes=len(proposal.parts),
         tell=lambda text: tell(Progress("sampling", text)),
         budget=settings.budget(d),
     )
-    if drawn is None:
-        return _by_ensembles(run, proposal, tell)
-    chains = independent_chains(problem.log_posterior, drawn, time.perf_counter() - began)
-    return _posterior(replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), proposal, chains)
+    if found is None:
+        tell(Progress("preparing the sampling"))
+        return _by_ensembles(run, run.fitted_proposal(), tell)
+    chains = independent_chains(problem.log_posterior, found, time.perf_counter() - began)
+    return _posterior(replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains)
 
 
 def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:

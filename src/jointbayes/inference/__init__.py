@@ -1,5 +1,6 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
+from jointbayes.inference.landing import Landing as Landing
 from jointbayes.inference.likelihood import FrfLikelihood as FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood as Likelihood
 from jointbayes.inference.log_posterior import LogPosterior as LogPosterior

@@ -62,6 +62,7 @@ def climb_all(
     tell: Callable[[int, int], bool] = lambda _done, _all: False,
     *,
     fine: bool = False,
+    enough: float = 0.0,
 ) -> tuple[Array, Array]:
     """Climb from each start until its next step promises no more than a thousandth in log density.
 
@@ -84,6 +85,8 @@ def climb_all(
     fine
         Whether to climb until the slope ends: steps are damped by the widths of the prior, which follows bent ridges,
         and one that promises less than rounding shows of the density is made without a look, undamped, as the last.
+    enough
+        Gain in log density: a fine climb whose next step promises less ends before.
 
     Returns
     -------
@@ -107,7 +110,7 @@ def climb_all(
         if tell(len(theta) - chosen.size, len(theta)):
             break
         # 1. slope and curvature; a coordinate at its end that would go on beyond it stays
-        gradient, normal = _normal_equations(squares, theta[chosen])
+        gradient, normal = normal_equations(squares, theta[chosen])
         gradient += (prior.precision * (theta[chosen] - prior.mean))[:, columns]
         normal[:, diagonal, diagonal] += prior.precision[columns]
         here = theta[chosen][:, columns]
@@ -140,7 +143,7 @@ def climb_all(
         damping[chosen] *= np.where(better, factors[best], 1e5)
         np.maximum(damping, _FINE_LEAST if fine else _LEAST, out=damping)
         # 4. who goes on
-        arrived = unseen if fine else (promised < _GAIN) & ~(risen > _GAIN)
+        arrived = unseen | (promised < enough) if fine else (promised < _GAIN) & ~(risen > _GAIN)
         stuck = damping[chosen] > _MOST
         behind = np.zeros(chosen.size, dtype=bool)
         if number >= _PATIENCE:
@@ -149,7 +152,7 @@ def climb_all(
     return theta, value
 
 
-def _normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
+def normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
     """Jᵀe, shape (n, c), and JᵀJ, shape (n, c, c), of the moving columns, by differences inside the support."""
     columns, prior = squares.columns, squares.prior
     n, c = len(theta), columns.size

@@ -2,10 +2,8 @@
 
 What is known when other quantities are uncertain, or are not, is a row each, from draws of its own. The first row is
 the run itself. Every further one belongs to the same density with other quantities free, those left out held at their
-stated values. It is sampled by importance until the ends of its intervals are known to `END_TOLERANCE` of their width,
-or the probability beyond them by `ENOUGH` draws: where quantities are freed that the run takes as exact from the run's
-draws, letting them go step by step, else from a proposal fitted about its modes. Where this does not settle nothing is
-said.
+stated values, drawn as that of an answer by modes is, see `jointbayes.sampling.draws_from_two_origins`. Where this does
+not settle nothing is said.
 
 Bounds on each stiffness say little of all together: "k11 above, k22 above" may be read as a rigid joint that the same
 data exclude. So each such joint is put in place of the one that was sampled, and everything else fitted anew: other
@@ -30,15 +28,14 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
-from jointbayes.inference import Independent, JointPrior, Normal, Nuisance, Problem
+from jointbayes.inference import Landing, Normal, Nuisance, Problem
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
-from jointbayes.posterior.any_posterior import LEAST_SHARE, AnyPosterior
+from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.coordinates import by_names, compliance_and_scores, judged_quantities
+from jointbayes.posterior.coordinates import by_names, judged_quantities
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, summary_sentence
-from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
@@ -53,32 +50,14 @@ from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.verdicts import conclude, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.rounding import likelihood_ratio
-from jointbayes.sampling import (
-    ENOUGH,
-    Coordinates,
-    Proposal,
-    Quantities,
-    Restraint,
-    fit_each_mode,
-    quantile_spread,
-    released_draws,
-    starts_of_hills,
-)
+from jointbayes.sampling import Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
-from vibrecords.arrays import Array
 
 Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
-_PILOT = 2000
 _REGION_DRAWS = 4000
 _KEPT = 2000  # draws of a row, with the run
-#: Coordinates up to which those that the run takes as exact are let go step by step.
-_MOST_RELEASED = 10
-#: Efficiency of a proposal that will do to start from.
-_ENOUGH = 0.1
-#: Draws of the run among which a first point is looked for.
-_TRIED = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,14 +201,25 @@ def _row(
     posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
-    part, modes = _Part(problem, uncertain), int((posterior.solutions.shares >= LEAST_SHARE).sum())
+    held = set(uncertain_quantities(problem)) - set(uncertain)
+    free = np.array([i for i, name in enumerate(problem.names) if name not in held])
+    names, judged = [problem.names[i] for i in free], judged_quantities(problem.prior)
+    modes = by_names(
+        np.array([mode.theta for mode in posterior.estimate.modes]), posterior.problem.names, problem.names
+    )
+    part = Landing(problem.log_posterior, free, modes[0])
     try:
-        sample = part.draws(posterior, modes, rng)
+        sample = draws_from_two_origins(
+            part,
+            by_names(modes, problem.names, names),
+            rng,
+            Quantities(judged.names, lambda t: judged.values(part.whole(t))),
+        )
     except (JointBayesError, np.linalg.LinAlgError):
         sample = None
-    if sample is None:
+    if sample is None or not sample.settled:
         return UncertainInputsRow(uncertain, "none", {})
-    theta, effective = sample
+    theta, effective = part.whole(sample.theta), sample.effective
     values = problem.prior.values(theta)
     region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
     known = {}
@@ -238,90 +228,6 @@ def _row(
         drawn = assess(column, posterior.prior_values(name), error, posterior.unit(name), posterior.rule(name))
         known[name] = conclude(posterior, name, drawn, theta, region)
     return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
-
-
-class _Part:
-    """The density of a problem with some of its uncertain quantities held at their stated values."""
-
-    def __init__(self, problem: Problem, uncertain: tuple[str, ...]) -> None:
-        self._problem = problem
-        held = set(uncertain_quantities(problem)) - set(uncertain)
-        self._free = np.array([i for i, name in enumerate(problem.names) if name not in held])
-        self._names = [problem.names[i] for i in self._free]
-        low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
-        self._low, self._high = low[self._free], high[self._free]
-
-    def whole(self, theta: Array) -> Array:
-        """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
-        points = np.zeros((len(theta), len(self._problem.names)))
-        points[:, self._free] = theta
-        return points
-
-    def log_density(self, theta: Array) -> Array:
-        """Log density, shape (n,), of the free coordinates, shape (n, f)."""
-        return self._problem.log_posterior(self.whole(theta))
-
-    def coordinate_systems(self) -> tuple[Coordinates, ...]:
-        """Compliance of the joint, and normal scores of all."""
-        return compliance_and_scores(self._problem.parametrisation, self._low, self._high)
-
-    def sample(
-        self,
-        theta: Array,
-        modes: int,
-        rng: np.random.Generator,
-        *,
-        restraint: Restraint | None = None,
-        proposal: Proposal | None = None,
-        enough: float = ENOUGH,
-    ) -> tuple[Array, float] | None:
-        """As `released_draws` of the free coordinates, but draws of all coordinates."""
-        judged, systems = judged_quantities(self._problem.prior), self.coordinate_systems()
-        quantities = Quantities(judged.names, lambda theta: judged.values(self.whole(theta)))
-        marginals = self._problem.prior.all_marginals
-        wide = None if restraint is not None else Independent(tuple(marginals[i] for i in self._free))
-        sample = released_draws(
-            self.log_density, systems, theta, rng, quantities,
-            restraint=restraint, proposal=proposal, wide=wide, modes=modes, enough=enough,
-        )  # fmt: skip
-        return None if sample is None else (self.whole(sample.theta), sample.effective)
-
-    def draws(self, posterior: AnyPosterior, modes: int, rng: np.random.Generator) -> tuple[Array, float] | None:
-        """Draws of all coordinates, and how many independent ones they are worth; None where they do not settle.
-
-        Where the run takes any of the coordinates as exact from its draws; else, and of several modes or many
-        coordinates, to which a Student-t cannot be fitted step by step, from a proposal about its modes.
-        """
-        freed = np.flatnonzero([name not in posterior.problem.names for name in self._names])
-        if freed.size and modes == 1 and len(self._names) <= _MOST_RELEASED:
-            restraint = Restraint(freed, self._problem.prior.sd[self._free[freed]])
-            drawn = by_names(posterior.thinned(_PILOT), posterior.problem.names, self._names)
-            return self.sample(drawn, modes, rng, restraint=restraint)
-        about = [(start, self.covariance(start)) for start in self.starts(posterior)]
-        starts, systems = starts_of_hills(self.log_density, about), self.coordinate_systems()
-        proposal = fit_each_mode(self.log_density, systems, starts, None, rng, enough=_ENOUGH)
-        return self.sample(np.zeros((0, len(self._names))), modes, rng, proposal=proposal)
-
-    def starts(self, posterior: AnyPosterior) -> list[Array]:
-        """The likeliest point, shape (f,), among draws of each solution with what is held put at its stated value."""
-        candidates = np.vstack([posterior.estimate.theta, posterior.thinned(_TRIED)])
-        nearest = posterior.solutions.nearest(candidates)
-        points = by_names(candidates, posterior.problem.names, self._names)
-        density = self.log_density(points)
-        likely = [mode for mode in np.unique(nearest) if posterior.solutions.shares[mode] >= LEAST_SHARE]
-        best = [int(np.argmax(np.where(nearest == mode, density, -np.inf))) for mode in likely]
-        return [points[i] for i in sorted(best, key=lambda i: -density[i])]
-
-    def covariance(self, theta: Array) -> Array:
-        """Rough covariance there, shape (f, f), no wider than the prior in any direction of a coordinate."""
-        prior: JointPrior = self._problem.prior
-        covariance = fisher_information(self._problem, self.whole(theta[None])[0]).covariance(self._names)
-        sd = prior.sd[self._free]
-        variance = np.where(np.isfinite(np.diag(covariance)), np.diag(covariance), sd**2)
-        finite = np.where(np.isfinite(covariance), covariance, 0.0)
-        np.fill_diagonal(finite, variance)
-        shrink = np.minimum(1.0, sd / np.sqrt(variance))
-        return finite * np.outer(shrink, shrink)
 
 
 def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from jointbayes.inference import Problem
 from jointbayes.joint.quantities import prefixed
 from jointbayes.phrases import DO_NOT_USE
 from jointbayes.reproducibility import code_version
-from jointbayes.sampling import Chains, Proposal, SamplerSettings
+from jointbayes.sampling import Chains, SamplerSettings
 from jointbayes.verdict_rule import VerdictRule
 from vibrecords.arrays import Array
 
@@ -161,7 +161,7 @@ def sha256_of(arrays: Iterable[NDArray[Any]]) -> str:
 
 
 def sampler_figures(
-    settings: SamplerSettings, chains: Chains, proposal: Proposal, names: Sequence[str]
+    settings: SamplerSettings, chains: Chains, efficiency: float, names: Sequence[str]
 ) -> SamplerFigures:
     """Settings and figures of a run of the ensembles, as the record has them; `names` are those of the coordinates."""
     ess = chains.ess
@@ -174,7 +174,7 @@ def sampler_figures(
         "thin": chains.thin,
         "acceptance": float(chains.acceptance.mean()),
         "move_acceptance": dict(chains.move_acceptance),
-        "proposal_efficiency": proposal.efficiency,
+        "proposal_efficiency": efficiency,
         "tau": dict(zip(names, chains.tau.tolist(), strict=True)),
         "ess": dict(zip(names, ess.tolist(), strict=True)),
         "evaluations": chains.evaluations,

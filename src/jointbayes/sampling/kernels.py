@@ -1,0 +1,104 @@
+"""A mixture of Student-t distributions at many places of a thin curved sheet, each bent as the sheet is there."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibrecords.arrays import Array, Flags
+
+_DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
+_CLOSE = 4.0  # lengths of its widest axis from a kernel: what lies there is no other part of a density
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kernels:
+    """Distribution over θ: a place and its axes are chosen, a Student-t drawn along these, and bent.
+
+    With u the draw's coordinates along the first t axes, ½ Σ uᵢ uⱼ bᵢⱼ is added, across to these axes: a shear, which
+    leaves volumes as they are.
+
+    Parameters
+    ----------
+    places : ndarray, shape (k, d)
+        Centres.
+    axes : ndarray, shape (k, d, d)
+        Columns of each: one unit of the Student-t, the widest first.
+    bend : ndarray, shape (k, t, t, d)
+        bᵢⱼ of each, in the span of its last d − t axes.
+    weights : ndarray, shape (k,)
+        Probability of each, up to a factor.
+    """
+
+    places: Array
+    axes: Array
+    bend: Array
+    weights: Array
+    _into: Array = field(init=False, repr=False)
+    _bent: Array = field(init=False, repr=False)
+    _log_peaks: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        d, into = self.places.shape[1], np.linalg.inv(self.axes)
+        peak = math.lgamma((_DOF + d) / 2) - math.lgamma(_DOF / 2) - d / 2 * math.log(_DOF * math.pi)
+        derived = {
+            "weights": self.weights / self.weights.sum(),
+            "_into": into,
+            "_bent": np.einsum("kij,kabj->kabi", into, self.bend),
+            "_log_peaks": peak - np.linalg.slogdet(self.axes)[1],
+        }
+        for name, array in derived.items():
+            object.__setattr__(self, name, array)
+
+    def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
+        """Independent draws, shape (n, d)."""
+        d, t = self.places.shape[1], self.bend.shape[1]
+        which = random.choice(len(self.places), n, p=self.weights)
+        z = random.standard_normal((n, d)) / np.sqrt(random.chisquare(_DOF, n) / _DOF)[:, None]
+        bent = np.einsum("na,nb,nabd->nd", z[:, :t], z[:, :t], self.bend[which]) / 2
+        return self.places[which] + np.einsum("nij,nj->ni", self.axes[which], z) + bent
+
+    def log_densities(self, theta: Array) -> Array:
+        """Log of the normalised density of each kernel, without its weight, shape (k, n), at θ, shape (n, d)."""
+        (k, d), t, squared = self.places.shape, self.bend.shape[1], np.empty((len(self.places), len(theta)))
+        columns = np.ascontiguousarray(theta.T)
+        for number in range(k):
+            z = self._into[number] @ (columns - self.places[number][:, None])
+            for i in range(t):
+                for j in range(i, t):
+                    factor = 0.5 if i == j else 1.0
+                    z[t:] -= factor * self._bent[number, i, j, t:, None] * (z[i] * z[j])
+            squared[number] = np.einsum("ij,ij->j", z, z)
+        return np.asarray(self._log_peaks[:, None] - (_DOF + d) / 2 * np.log1p(squared / _DOF))
+
+    def log_density(self, theta: Array) -> Array:
+        """Log of the normalised density, shape (n,), at θ, shape (n, d)."""
+        return self.mixed(self.log_densities(theta))
+
+    def mixed(self, log_densities: Array) -> Array:
+        """Log of the mixture's density, shape (n,), of those of its kernels, shape (k, n)."""
+        each = log_densities + np.log(self.weights)[:, None]
+        top = each.max(axis=0)
+        return np.asarray(top + np.log(np.exp(each - top).sum(axis=0)))
+
+    def covers(self, theta: Array, sd: Array) -> Flags:
+        """Whether points, shape (n, d), are as near to a kernel as a few lengths of its widest axis, shape (n,).
+
+        Distances are measured in units `sd`, shape (d,): across to a thin sheet they count as along it.
+        """
+        widest = np.linalg.norm(self.axes[:, :, 0] / sd, axis=1)
+        near = np.zeros(len(theta), dtype=bool)
+        for place, length in zip(self.places / sd, widest, strict=True):
+            near |= ((theta / sd - place) ** 2).sum(axis=1) < (_CLOSE * length) ** 2
+        return near
+
+    def weighted(self, weights: Array, keep: Flags) -> "Kernels":
+        """Some of the kernels with other weights, shape (k,)."""
+        return Kernels(self.places[keep], self.axes[keep], self.bend[keep], weights[keep])
+
+    def joined(self, other: "Kernels", share: float) -> "Kernels":
+        """These and others, which have this share of the probability."""
+        weights = np.concatenate([(1 - share) * self.weights, share * other.weights])
+        places = np.concatenate([self.places, other.places])
+        axes, bend = np.concatenate([self.axes, other.axes]), np.concatenate([self.bend, other.bend])
+        return Kernels(places, axes, bend, weights)

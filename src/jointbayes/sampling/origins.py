@@ -1,0 +1,299 @@
+"""Importance draws of a density from two origins, which are kept apart until both have found the same of it."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from jointbayes.progress import Budget
+from jointbayes.sampling.chains import Chains
+from jointbayes.sampling.density import Checked, LogDensity
+from jointbayes.sampling.diagnostics import split_r_hat
+from jointbayes.sampling.distributions import drawn_without_replacement, resampled, truncated
+from jointbayes.sampling.kernels import Kernels
+from jointbayes.sampling.stopping import ENDS_ARE_GOOD, INTERVAL, Check, Quantities
+from vibrecords.arrays import Array
+
+#: Largest Monte Carlo standard error of each end of a 95 % interval, as a share of the interval's width.
+END_TOLERANCE = 0.05
+#: Draws at every end with which the 2.5 % beyond it are known to a tenth of themselves. An end on a plateau far from
+#: the bulk is then as good as it need be, wherever it lies.
+ENOUGH = 4000.0
+
+_LANDED = 256  # climbs of each origin, twice as many at each further trial
+_TRIALS = 4
+_HIGH = 25.0  # below the best in log density: what ended lower is not where the density is
+_ROUNDS, _DRAWS = 7, 2000  # in which an origin's kernels are adapted
+_UNCHANGED = 2  # last rounds, after which no kernel is added
+_ADDED = 150  # kernels in a round
+_MISSED = 1.0  # ln of an importance weight over their mean: draws above it are rarely proposed
+_FEWEST = 0.02  # of an equal weight: a kernel that has less is dropped
+_KEPT = 0.1  # of all that is proposed goes to all kernels alike
+_WIDE = 0.15  # prior standard deviations: along wider axes a sheet is followed
+_MOST_BENT = 5
+_NEAREST, _FARTHEST = 0.01, 1.0  # reach of a kernel, in prior standard deviations
+_POOLED, _BATCHES = 4000, 4  # draws of each origin at a time
+_LEAST_EFFECTIVE = 400.0  # draws at every end
+_LARGEST_WEIGHT = 0.01  # of all, that one draw may carry
+_HANDED_OUT, _LOOKED_AT = 8000, 2000
+#: Share of the density that only one origin may have found.
+ALONE = 0.005
+_USELESS = 100.0  # effective draws, below which nothing is said
+_CHAINS = 4  # in which independent draws are handed out, to tell R̂ from
+
+
+class Ground(Protocol):
+    """A density as seen from all of its prior."""
+
+    @property
+    def sd(self) -> Array:
+        """Widths of the prior, shape (d,)."""
+
+    def log_density(self, theta: Array) -> Array:
+        """Log of the unnormalised density, shape (n,), at θ, shape (n, d)."""
+
+    def land(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Where climbs from n points of the prior end, shape (m, d), and ln of the density there, shape (m,)."""
+
+    def widths(self, theta: Array) -> Array:
+        """Widths of the density about points, shape (n, d), along its axes, in widths of the prior."""
+
+    def shapes(self, theta: Array, reach: Array, bent: int) -> tuple[Array, Array]:
+        """Axes of the density about points, (n, d, d), none longer than its reach, (n,), and its bend along some."""
+
+
+class Found(NamedTuple):
+    """Equally weighted draws θ, shape (m, d), and how good they are.
+
+    `effective` is the fewest independent draws that an end of a 95 % interval is worth, `error` the largest Monte Carlo
+    standard error of an end, as a share of its interval's width, `alone` the share of the density that was found from
+    one origin only, and `log_z` ln of the density's integral, with its error. `efficiency` is the share of the draws
+    that are effective, and `settled` says whether the ends are known and both origins found the same.
+    """
+
+    theta: Array
+    effective: float
+    error: float
+    alone: float
+    log_z: float
+    log_z_error: float
+    evaluations: int
+    efficiency: float
+    settled: bool
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def draws_from_two_origins(
+    ground: Ground,
+    modes: Array,
+    rng: np.random.Generator,
+    quantities: Quantities,
+    *,
+    tell: Callable[[str], object] = lambda _: None,
+    budget: Budget | None = None,
+) -> Found | None:
+    """Draws of a density that may be a thin curved sheet, or several, across its prior.
+
+    1. Each of two origins climbs from quasi-random points of the prior of its own; the first has the modes that are
+       known as well.
+    2. Where the climbs ended each has kernels, and adapts them in rounds of draws: by their weights, and by further
+       kernels at draws that they hardly propose. What is then proposed does not change any more.
+    3. Draws of both are weighted as from both together, until the ends of all intervals are known to `END_TOLERANCE`,
+       or the probability beyond each by `ENOUGH` draws.
+    4. An origin has found a draw that one of its kernels is close to, see `Kernels.covers`. Where more than `ALONE` of
+       the density was found by one origin only, both climb from twice as many further points; where nothing is missing
+       and the ends are not known, kernels are added at draws that are rarely proposed. All is then done once more.
+
+    No draw says anything of a part that neither origin came down on.
+
+    Parameters
+    ----------
+    ground
+        The density, and the way down to it.
+    modes
+        Modes that are known, shape (m, d).
+    rng
+        Source of all randomness.
+    quantities
+        What has the intervals.
+    tell
+        Called with a sentence after each look.
+    budget
+        Processor time after which the ends have not settled; by default that of any stage, from now on.
+
+    Returns
+    -------
+    Found or None
+        None where kernels do not resemble the density: of many coordinates, of which a sheet has many as well.
+
+    References
+    ----------
+    O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), DOI 10.1007/s11222-008-9059-x.
+    A. Owen, Y. Zhou, Safe and effective importance sampling (2000), DOI 10.1080/01621459.2000.10473909.
+    """
+    density, budget, evaluations = Checked(ground.log_density), budget or Budget(), 0
+    places, found, climbs = [modes, modes[:0]], None, _LANDED
+    for _ in range(_TRIALS):
+        # 1. climb down from all of the prior
+        landings = [ground.land(climbs, rng) for _ in places] if climbs else []
+        heights = [float(value.max()) for _, value in landings if value.size] + density(modes).tolist()
+        if landings:
+            landed = [theta[value > max(heights, default=0.0) - _HIGH] for theta, value in landings]
+            places = [np.concatenate(pair) for pair in zip(places, landed, strict=True)]
+        climbs = 2 * max(climbs, _LANDED)
+        if not all(map(len, places)):
+            continue
+        # 2. adapt the kernels of each origin by draws of its own
+        origins = [_adapted(density, ground, points, rng) for points in places]
+        evaluations += len(origins) * _ROUNDS * _DRAWS
+        # 3. draws of both, weighted as from both together, until the ends are known
+        theta, value, proposed = modes[:0], np.empty(0), np.empty((len(origins), 0))
+        for batch in range(1, _BATCHES + 1):
+            drawn = np.concatenate([kernels.draw(rng, _POOLED) for kernels in origins])
+            height = density(drawn)
+            drawn, height = drawn[np.isfinite(height)], height[np.isfinite(height)]
+            by_each = np.stack([kernels.log_density(drawn) for kernels in origins])
+            theta, value = np.concatenate([theta, drawn]), np.concatenate([value, height])
+            proposed = np.concatenate([proposed, by_each], axis=1)
+            total = len(origins) * _POOLED * batch
+            log_weight = value - (np.logaddexp.reduce(proposed, axis=0) - math.log(len(origins)))
+            if not log_weight.size:
+                break
+            log_z = float(np.logaddexp.reduce(log_weight)) - math.log(total)
+            weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
+            independent = 1 / float(weight @ weight)
+            error, effective = interval_errors(quantities.values(theta), weight)
+            known = (error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE) or effective >= ENOUGH
+            known = known and float(weight.max()) <= _LARGEST_WEIGHT
+            if known or budget.is_spent:
+                break
+        evaluations += total
+        if not log_weight.size:
+            continue
+        # 4. what only one of them has found
+        handed = theta[resampled(weight, _HANDED_OUT, rng)[rng.permutation(_HANDED_OUT)]]
+        near = [kernels.covers(handed[:_LOOKED_AT], ground.sd) for kernels in origins]
+        alone = 1 - float(np.all(near, axis=0).mean())
+        settled = known and alone <= ALONE
+        tell(f"ends good to {100 * error:.2g} % of their intervals' width, {100 * alone:.2g} % seen by one origin only")
+        log_z_error = math.sqrt(max(1 / independent - 1 / total, 0.0))
+        figures = evaluations, independent / total, settled
+        found = Found(handed, effective, error, alone, log_z, log_z_error, *figures)
+        if settled or budget.is_spent:
+            break
+        if alone <= ALONE:  # nothing is missing, but some places are rarely proposed
+            climbs, missed = 0, np.flatnonzero(log_weight > log_z + _MISSED)
+            more = drawn_without_replacement(log_weight[missed], 2 * _ADDED, rng)
+            places = [np.concatenate(pair) for pair in zip(places, np.array_split(theta[missed[more]], 2), strict=True)]
+    return found if found is not None and found.effective >= _USELESS else None
+
+
+def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator) -> Kernels:
+    """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
+    sd = ground.sd
+    wide = int(np.median((ground.widths(points) > _WIDE).sum(axis=1)))
+    bent = min(wide, _MOST_BENT, sd.size - 1)
+    neighbours = 2**bent + 2
+
+    def about(chosen: Array, all_of_them: Array) -> Kernels:
+        count = min(neighbours, len(all_of_them) - 1)
+        distance = np.full(len(chosen), _FARTHEST)
+        if bent and count:
+            distance = np.asarray(cKDTree(all_of_them / sd).query(chosen / sd, k=[count + 1])[0])[:, 0]
+        reach = np.clip(distance, _NEAREST, _FARTHEST)
+        return Kernels(chosen, *ground.shapes(chosen, reach, bent), np.ones(len(chosen)))
+
+    kernels = about(points, points)
+    for number in range(1, _ROUNDS + 1):
+        theta = kernels.draw(rng, _DRAWS)
+        value = density(theta)
+        theta, value = theta[np.isfinite(value)], value[np.isfinite(value)]
+        if not len(theta):
+            break
+        each = kernels.log_densities(theta)
+        proposed = kernels.mixed(each)
+        log_weight = truncated(value - proposed, _DRAWS)
+        weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
+        # population Monte Carlo: a kernel's weight is the share of the density that is likely its own
+        shares = np.exp(each - proposed) @ weight * kernels.weights
+        shares = (1 - _KEPT) * shares / shares.sum() + _KEPT / len(shares)
+        kernels = kernels.weighted(shares, shares > _FEWEST / len(shares))
+        missed = np.flatnonzero(value - proposed > np.logaddexp.reduce(log_weight) - math.log(_DRAWS) + _MISSED)
+        if number <= _ROUNDS - _UNCHANGED and missed.size > 1:
+            chosen = theta[missed[drawn_without_replacement(log_weight[missed], _ADDED, rng)]]
+            added = about(chosen, np.concatenate([kernels.places, chosen]))
+            kernels = kernels.joined(added, min(0.3, float(weight[missed].sum())))
+    return kernels
+
+
+def interval_errors(values: Array, weight: Array) -> tuple[float, float]:
+    """Monte Carlo error of the least certain end of the 95 % intervals of weighted draws, and what they are worth.
+
+    Parameters
+    ----------
+    values
+        Draws of some quantities, shape (n, q).
+    weight
+        Their normalised weights, shape (n,).
+
+    Returns
+    -------
+    error, effective
+        The largest standard error as a share of its interval's width, and the fewest independent draws with which the
+        probability beyond an end would be as well known.
+    """
+    largest, fewest = 0.0, math.inf
+    for column in values.T:
+        order = np.argsort(column)
+        below = np.cumsum(weight[order])
+        low, high = np.interp(INTERVAL, below, column[order])
+        for probability in INTERVAL:
+            variance = float((weight[order] ** 2) @ ((below <= probability) - probability) ** 2)
+            ends = np.interp(probability + np.sqrt(variance) * np.array([-1.0, 1.0]), below, column[order])
+            largest = max(largest, float(ends[1] - ends[0]) / 2 / (high - low) if high > low else math.inf)
+            fewest = min(fewest, probability * (1 - probability) / variance)
+    return largest, fewest
+
+
+def independent_chains(log_density: LogDensity, found: Found, seconds: float) -> Chains:
+    """As many of equally weighted draws as they are worth, as the chains of a run without burn-in.
+
+    Parameters
+    ----------
+    log_density
+        Log of the unnormalised density over θ.
+    found
+        The draws, in any order.
+    seconds
+        Wall time that they took.
+    """
+    theta, effective, error = found.theta, found.effective, found.error
+    good = (
+        ENDS_ARE_GOOD.format(f"{100 * max(END_TOLERANCE if found.settled else 0.0, error):.2g}")
+        if error <= END_TOLERANCE or not found.settled
+        else f"the 2.5 % beyond each end of a 95 % interval are good to {2.5 * math.sqrt(39 / effective):.1g} %"
+    )
+    steps = max(4, min(int(effective), len(theta)) // _CHAINS)
+    kept = theta[: _CHAINS * steps]
+    draws = kept.reshape(_CHAINS, steps, 1, -1)
+    check = Check(step=steps, burn_in=0, tau=np.ones(theta.shape[1]), r_hat=split_r_hat(draws))
+    reason = f"{_CHAINS * steps} independent draws by importance sampling from two origins: {good}"
+    if not found.settled:
+        one = f"{100 * found.alone:.2g} % of the density was found from one origin only"
+        one = f"{100 * found.alone:.2g} % of the density was found from one origin only"
+        reason = f"not converged after {found.evaluations} evaluations: {reason}; {one}"
+    return Chains(
+        theta=draws,
+        log_density=log_density(kept).reshape(draws.shape[:-1]),
+        acceptance=np.ones(_CHAINS),
+        move_acceptance={},
+        thin=1,
+        converged=found.settled,
+        reason=reason,
+        evaluations=found.evaluations,
+        singular=0,
+        seconds=seconds,
+        history=(check,),
+    )
