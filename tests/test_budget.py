@@ -10,9 +10,8 @@ from jointbayes.identification import ModeSearch, first_starts, search_further
 from jointbayes.posterior.next_step import advice
 from jointbayes.progress import BUDGET_S, Budget, usual_budget_s
 from jointbayes.report.sections.trust import _calculation
-from jointbayes.sampling import Proposal, StudentT, released_draws, run_adapted, run_ensembles
+from jointbayes.sampling import Proposal, StudentT, run_adapted, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.stopping import Quantities
 from tests.conftest import cheap_text, edited
 from tests.one_line import refused
 
@@ -68,14 +67,6 @@ def test_no_further_stage_begins_once_the_time_is_spent():
     chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
     assert (chains.discarded, chains.steps) == (0, settings.check_every)
     assert chains.reason.endswith("(budget_s)")
-
-
-def test_importance_draws_leave_it_to_walkers():
-    rng = np.random.default_rng(3)
-    judged = Quantities(("a", "b"), lambda theta: theta)
-    theta = rng.normal(size=(2000, 2))
-    assert released_draws(gaussian, [Identity()], theta, rng, judged) is not None
-    assert released_draws(gaussian, [Identity()], theta, rng, judged, budget=Budget(ALMOST_NONE)) is None
 
 
 def test_a_search_ends_with_the_best_that_it_has(cheap_case):

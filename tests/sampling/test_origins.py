@@ -1,0 +1,148 @@
+"""Draws from two origins have the ends and shares of a dense grid, and count only where both found the same."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from jointbayes.inference import Landing
+from jointbayes.progress import Budget
+from jointbayes.sampling import Quantities, draws_from_two_origins, independent_chains
+from jointbayes.sampling.origins import END_TOLERANCE, interval_errors
+
+BOTH = Quantities(("x", "y"), lambda theta: theta)
+PROBABILITIES = (0.025, 0.5, 0.975)
+
+
+@dataclass
+class Box:
+    """A uniform prior on a box, as `JointPrior` is asked."""
+
+    low: np.ndarray
+    high: np.ndarray
+    precision = np.zeros(2)
+    marginals = (0, 0)
+
+    @property
+    def support(self):
+        return self.low, self.high
+
+    @cached_property
+    def mean(self):
+        return (self.low + self.high) / 2
+
+    @cached_property
+    def sd(self):
+        return (self.high - self.low) / np.sqrt(12)
+
+    def feasible(self, theta):
+        return ((theta >= self.low) & (theta <= self.high)).all(axis=-1)
+
+    def log_density(self, theta):
+        return np.where(self.feasible(np.atleast_2d(theta)), -np.log(self.high - self.low).sum(), -np.inf)
+
+    def transform(self, u):
+        return self.low + u * (self.high - self.low)
+
+
+class Sheet:
+    """Posterior of two unknowns in a box with these white residuals, shape (n, m)."""
+
+    likelihood = SimpleNamespace(n_data=2, hyper_count=0, gaussian=False)
+
+    def __init__(self, residuals, low, high):
+        self.white, self.prior = residuals, Box(np.array(low, float), np.array(high, float))
+
+    def __call__(self, theta):
+        return self.prior.log_density(theta) - 0.5 * (self.white(theta) ** 2).sum(axis=1)
+
+    def by_grid(self, n=4000):
+        """Quantiles of x and y, and ln of the integral, by a dense grid."""
+        axes = [np.linspace(low, high, n) for low, high in zip(*self.prior.support, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        value = np.concatenate([self(part) for part in np.array_split(points, 40)]).reshape(n, n)
+        weight = np.exp(value - value.max())
+        ends = [np.interp(PROBABILITIES, np.cumsum(weight.sum(axis=1 - i)) / weight.sum(), axes[i]) for i in range(2)]
+        cell = np.prod([axis[1] - axis[0] for axis in axes])
+        return np.array(ends), np.log(weight.sum() * cell) + value.max()
+
+
+def columns(*parts):
+    return np.column_stack(parts)
+
+
+SHEETS = {
+    "Gaussian": Sheet(lambda t: columns(t[:, 0] - 1, (t[:, 1] + t[:, 0]) / 0.3), (-20, -20), (20, 20)),
+    "banana": Sheet(lambda t: columns(t[:, 0] - 1, (t[:, 1] - t[:, 0] ** 2) / 0.2), (-8, -10), (8, 30)),
+    # a spring and the one behind it: only their sum of compliances is known
+    "two springs": Sheet(lambda t: columns(np.log(np.exp(-t[:, 0]) + np.exp(-t[:, 1])) / 0.05), (-4, -4), (12, 12)),
+    # 0.77 of the probability has y = 1.54, and 0.23 has y = -0.46: the sheet is as much thicker there
+    "two modes": Sheet(
+        lambda t: columns(t[:, 0] - 1, (t[:, 1] - 3.0) * (t[:, 1] + 3.0) / np.where(t[:, 1] > 0, 1.54, 0.46)),
+        (-6, -8),
+        (8, 8),
+    ),
+    "plateau": Sheet(lambda t: columns(t[:, 0], 4 / (1 + np.exp(2 * t[:, 1]))), (-6, -15), (6, 25)),
+}
+
+
+def found_of(sheet, seed, **options):
+    at = np.zeros((0, 2))
+    return draws_from_two_origins(Landing(sheet), at, np.random.default_rng(seed), BOTH, **options)
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_ends_and_integral_are_those_of_a_grid(name):
+    ends, log_z = SHEETS[name].by_grid()
+    for seed in (1, 2, 3):
+        found = found_of(SHEETS[name], seed)
+        assert found is not None
+        assert found.settled
+        drawn = np.quantile(found.theta, PROBABILITIES, axis=0).T
+        assert (np.abs(drawn - ends) / (ends[:, [2]] - ends[:, [0]])).max() < END_TOLERANCE
+        assert abs(found.log_z - log_z) < 5 * found.log_z_error + 1e-3
+
+
+def test_shares_of_two_modes_apart_are_right():
+    """By the grid, not by the widths that made them: the factors are close to 0.77 and 0.23."""
+    sheet = SHEETS["two modes"]
+    y = np.linspace(-8, 8, 200_001)
+    height = np.exp(-0.5 * ((y**2 - 9) / np.where(y > 0, 1.54, 0.46)) ** 2)
+    share = height[y > 0].sum() / height.sum()
+    assert share == pytest.approx(0.77, abs=0.005)
+    for seed in (1, 2, 3):
+        assert (found_of(sheet, seed).theta[:, 1] > 0).mean() == pytest.approx(share, abs=0.03)
+
+
+def test_what_only_one_origin_found_is_not_settled(monkeypatch):
+    """One origin never comes down on y < 0: more than `ALONE` is its alone, and the run does not say it is done."""
+    sheet, whole = SHEETS["two modes"], Landing.land
+    calls = iter(range(100))
+
+    def land(self, n, rng):
+        theta, value = whole(self, n, rng)
+        right = theta[:, 1] > 0 if next(calls) % 2 else theta[:, 1] < 20
+        return theta[right], value[right]
+
+    monkeypatch.setattr(Landing, "land", land)
+    found = found_of(sheet, 1)
+    assert not found.settled
+    assert found.alone == pytest.approx(0.23, abs=0.05)
+
+
+def test_a_run_without_time_gives_what_it_has_and_says_so():
+    found = found_of(SHEETS["Gaussian"], 1, budget=Budget(1e-9))
+    chains = independent_chains(SHEETS["Gaussian"], found._replace(settled=False, error=0.08), 1.0)
+    assert not chains.converged
+    assert chains.theta.shape[-1] == 2
+
+
+def test_errors_of_ends_are_those_of_independent_draws():
+    values = norm.ppf((np.arange(4000) + 0.5) / 4000)[:, None]
+    error, effective = interval_errors(values, np.full(4000, 1 / 4000))
+    # sd of a quantile of n draws: √(p (1 − p) / n) / density there, over the interval's width
+    assert error == pytest.approx(np.sqrt(0.025 * 0.975 / 4000) / 0.05845 / 3.92, rel=0.05)
+    assert effective == pytest.approx(4000, rel=0.01)
