@@ -250,7 +250,7 @@ class TestPage:
         assert callout.text == (
             "**2 of 3 cases are done.** 1 did not converge. In 1 the model does not explain the data."
         )
-        known = ("not identified", "above 22.0 MN/m (95 %)", "22.1 to 24.3 MN/m")
+        known = ("not identified", "above 22.0 MN/m", "22.1 to 24.3 MN/m")
         assert joints.rows == (
             ("a", *known, ""),
             ("b (SN 7)", *known, "not converged; the model does not explain the data"),
