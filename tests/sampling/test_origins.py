@@ -11,6 +11,7 @@ from scipy.stats import norm
 from jointbayes.inference import Landing
 from jointbayes.progress import Budget
 from jointbayes.sampling import Quantities, draws_from_two_origins, independent_chains
+from jointbayes.sampling.kernels import Kernels
 from jointbayes.sampling.origins import END_TOLERANCE, interval_errors
 
 BOTH = Quantities(("x", "y"), lambda theta: theta)
@@ -146,3 +147,18 @@ def test_errors_of_ends_are_those_of_independent_draws():
     # sd of a quantile of n draws: √(p (1 − p) / n) / density there, over the interval's width
     assert error == pytest.approx(np.sqrt(0.025 * 0.975 / 4000) / 0.05845 / 3.92, rel=0.05)
     assert effective == pytest.approx(4000, rel=0.01)
+
+
+def test_the_density_of_a_bent_kernel_is_that_of_its_draws():
+    """By a grid it integrates to one, and y lies as far up as the draws do, u² b / 2 away from the axis."""
+    kernels = Kernels(np.zeros((1, 2)), np.diag([1.0, 0.1])[None], np.array([[[[0.0, 0.8]]]]), np.ones(1))
+    x, y = np.linspace(-60, 60, 3001), np.linspace(-20, 300, 16001)
+    total, up = 0.0, 0.0
+    for column in x:
+        weight = np.exp(kernels.log_density(np.column_stack([np.full(y.size, column), y])))
+        total += weight.sum()
+        up += (weight * np.minimum(y, 3.0)).sum()
+    cell = (x[1] - x[0]) * (y[1] - y[0])
+    assert total * cell == pytest.approx(1.0, abs=0.003)
+    drawn = np.minimum(kernels.draw(np.random.default_rng(1), 200_000)[:, 1], 3.0)
+    assert drawn.mean() == pytest.approx(up * cell, abs=5 * drawn.std() / np.sqrt(drawn.size))
