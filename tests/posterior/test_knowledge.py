@@ -360,8 +360,7 @@ def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed
 
 @pytest.mark.whole
 def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
-    monkeypatch.setattr("jointbayes.sampling.released.END_TOLERANCE", 1e-4)
-    monkeypatch.setattr("jointbayes.sampling.released._ROUNDS", 3)
+    monkeypatch.setattr("jointbayes.sampling.origins._USELESS", 1e9)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert len(rows) == 2
     assert rows[-1].source == "none"

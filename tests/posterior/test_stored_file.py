@@ -84,7 +84,7 @@ OTHER_RECORDS = {
     ("map", "covariance", 0): ([0.0, 0.0, 0.0], "map.covariance: found none; expected a covariance of 3 numbers"),
     ("map", "log_posterior"): (3.0, "found draws of another density than that of its problem"),
     ("mode", "theta", 1): (1e3, "found draws of another density"),
-    ("knowledge", "freed", 0, "known", "k11", "verdict"): ("<b>", "k11.verdict: found '<b>'"),
+    ("knowledge", "freed", 0, "known", "k11", "cls"): ("<b>", "k11.cls: found '<b>'"),
     ("knowledge", "profiles", 0, "value"): ([], "knowledge.profiles.0.value"),
 }
 
@@ -140,6 +140,17 @@ def test_a_file_with_a_case_in_place_of_its_problem_is_refused(tmp_path):
         del record["problem"]
 
     assert "found file version 1, which holds the text of a case" in refusal(copied(tmp_path, FRF, change))
+
+
+def test_of_a_file_whose_verdicts_were_sentences_the_draws_are_read_and_judged_again(tmp_path):
+    def change(record):
+        record["file_version"] = 2
+        record["knowledge"] = {"freed": [{"known": {"k11": {"verdict": "not identified"}}}]}
+
+    old, new = load_posterior(copied(tmp_path, FRF, change)), load_posterior(FRF)
+    assert {name: old.verdict(name) for name in old.stiffness_names} == {
+        name: new.verdict(name) for name in new.stiffness_names
+    }
 
 
 # ---- hostile files

@@ -22,7 +22,7 @@ ANSWERS = {
     "In which band?": r"(lines )?(from )?[\d.]+ to [\d.]+ Hz|[\d.]+ Hz",
     "How noisy was it?": r"noise [\d.]+ % of \|H\||each known to [\d.]+ % \(standard deviation\)",
     "What if E is 3 % off?": r"as in a workshop \(.*to 3 %|Uncertain as the case states: |is taken as exact",
-    "Can I trust the calculation?": r"Calculation.{0,20}(Settled|Not settled|The )",
+    "Can I trust the calculation?": r"Calculation.{0,20}(Converged|Not settled|The )",
     "Can I trust the model?": r"Model.{0,20}(Explains the data|Does not explain the data)",
     "How large is the misfit?": r"Misfit [\d.]+ times the noise; noise alone gives [\d.]+ to [\d.]+",
     "Can I trust the data?": r"Data.{0,20}(Computed|\d+ measured values|Check )",
@@ -31,7 +31,7 @@ ANSWERS = {
     "What does the answer rest on?": r"Rests on\. .{20,}",
 }
 NUMBER = r"[−\d.]+(?: × 10[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)?"
-HOW_WELL = rf"{NUMBER} \({NUMBER} to {NUMBER}\) [GMk]?\S+|(above|below) {NUMBER} [GMk]?\S+ \(95 %\)"
+HOW_WELL = rf"{NUMBER} \({NUMBER} to {NUMBER}\) [GMk]?\S+|(above|below) {NUMBER} [GMk]?\S+"
 VERDICT = r"(weakly identified|not identified|identified|bounded below|bounded above|no verdict|no valid value)"
 
 

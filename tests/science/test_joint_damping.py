@@ -55,7 +55,7 @@ def test_the_verdict_says_whether_the_damping_is_known(study, verdicts):
     assert posterior.converged
     assert posterior.check.explains
     known = posterior.verdict(STUDIES[study].damping)
-    assert known.verdict in verdicts, known
+    assert known.cls in verdicts, known
     for name, value in truth.items():
         low, high = posterior.interval(name, 0.999)
         assert low < value < high, name

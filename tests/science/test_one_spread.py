@@ -1,6 +1,7 @@
 """Every spread that a report prints is that of the draws, and of a stiffness that of page one, wherever it stands."""
 
 import datetime
+import json
 import math
 import re
 
@@ -9,6 +10,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior.knowledge import UncertainInputsRow
+from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
 from jointbayes.report.sections.identifiable import _freed_row
@@ -144,12 +146,13 @@ def test_the_table_of_combinations_prints_the_same_numbers(written):
 
 def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_prints_it(written):
     posterior, report, summary = written
-    first = summary["identifiability"]["freed"][0]
-    assert first["source"] == "this run"
+    first = gather_knowledge(posterior).freed[0]
+    assert first.source == "this run"
     for name in NAMES:
+        row = json.loads(json.dumps(first.known[name].as_json()))
         for key in ("interval95", "sd_log", "verdict"):
-            assert first[key][name] == summary["parameters"][name][key]
-        assert first["interval95"][name] == pytest.approx(posterior.interval(name))
+            assert row[key] == summary["parameters"][name][key]
+        assert first.known[name].interval == pytest.approx(posterior.interval(name))
     table = table_of(report, "Stiffness of the joint")
     run = next(i for i, title in enumerate(table.head) if title.startswith("Inputs") and "workshop" not in title)
     known = {name: posterior.verdict(name) for name in NAMES}
@@ -164,10 +167,10 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
 
 
 def test_no_spread_is_wider_than_any_within_the_range_of_the_prior(written):
-    posterior, _, summary = written
-    for row in summary["identifiability"]["freed"]:
-        for name, sd in row["sd_log"].items():
-            if sd is not None:  # as if all that the prior holds possible were equally likely
+    posterior, _, _ = written
+    for row in gather_knowledge(posterior).freed:
+        for name, known in row.known.items():
+            if math.isfinite(sd := known.sd_log):  # as if all that the prior holds possible were equally likely
                 assert sd < np.ptp(np.log(np.abs(posterior.prior_values(name)))) / math.sqrt(12)
 
 

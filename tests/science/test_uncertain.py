@@ -38,11 +38,11 @@ def measured(seed=1, gain=1.0, outputs=("11:y", "6:y")):
     return synthesise_frf(BEAM.structure(), CLAMP, pair_matrix(TRUTH), ports, law, "mobility", rng, gain=gain)
 
 
-def problem(nuisances, noise=None):
+def problem(nuisances, noise=None, data=None):
     ranges = {n.name: n.range for n in nuisances if n.name in {s.name for s in STRUCTURE}}
     family = jb.BeamFamily(BEAM, ranges) if ranges else BEAM.structure()
     prior = jb.JointPrior(jb.LogStiffness(), WIDE, nuisances)
-    return jb.Problem(structure=family, joint=CLAMP, data=measured(), prior=prior, noise=noise)
+    return jb.Problem(structure=family, joint=CLAMP, data=data or measured(), prior=prior, noise=noise)
 
 
 def test_the_density_is_that_of_the_structure_with_these_quantities():
@@ -100,7 +100,7 @@ def test_the_climb_ends_where_the_density_has_no_slope(noise, hyper):
 def test_an_overstated_noise_is_found_by_its_scale():
     exact = measured()
     stated = FrfData(exact.frf, exact.variance * 4.0)
-    density = problem(NOISES["scaled"][1], ScaledNoise(), "complex", stated).log_posterior
+    density = problem(NOISES["scaled"][1], ScaledNoise(), stated).log_posterior
     theta, _ = refine(density, np.concatenate([np.log(TRUTH), [0.0]]))
     n = exact.frf.values.size
     assert abs(np.exp(theta[-1]) - 0.5) < 4 * 0.5 / np.sqrt(2 * n)
@@ -108,8 +108,8 @@ def test_an_overstated_noise_is_found_by_its_scale():
 
 def test_a_wrong_gain_biases_the_joint_unless_it_is_uncertain():
     off = measured(seed=3, gain=1.05)
-    known, _ = refine(problem((), None, "complex", off).log_posterior, np.log(TRUTH))
-    free, _ = refine(problem((GAIN,), None, "complex", off).log_posterior, np.concatenate([np.log(TRUTH), [0.0]]))
+    known, _ = refine(problem((), None, off).log_posterior, np.log(TRUTH))
+    free, _ = refine(problem((GAIN,), None, off).log_posterior, np.concatenate([np.log(TRUTH), [0.0]]))
     assert abs(np.exp(free[-1]) - 1.05) < 0.01
     assert abs(free[2] - np.log(TRUTH[2])) < abs(known[2] - np.log(TRUTH[2]))
 

@@ -68,7 +68,7 @@ def test_what_the_data_cannot_see_keeps_its_prior_and_is_not_identified(posterio
     assert p_value(posterior, name) > LEVEL
     known = posterior.verdict(name)
     assert known.contraction < 0.1
-    assert known.verdict == "not identified"
+    assert known.cls == "not identified"
 
 
 @pytest.mark.parametrize("name", ["k22", "damping_ratio_1"])

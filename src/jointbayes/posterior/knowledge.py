@@ -204,9 +204,9 @@ def _row(
     held = set(uncertain_quantities(problem)) - set(uncertain)
     free = np.array([i for i, name in enumerate(problem.names) if name not in held])
     names, judged = [problem.names[i] for i in free], judged_quantities(problem.prior)
-    modes = by_names(
-        np.array([mode.theta for mode in posterior.estimate.modes]), posterior.problem.names, problem.names
-    )
+    estimate = posterior.estimate
+    found = np.array([mode.theta for mode in estimate.modes or [estimate]])
+    modes = by_names(found, posterior.problem.names, problem.names)
     part = Landing(problem.log_posterior, free, modes[0])
     try:
         sample = draws_from_two_origins(

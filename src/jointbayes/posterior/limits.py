@@ -35,8 +35,8 @@ Ends = tuple[float, float]
 #: 97.5 % on one side of either; and to the ends of a profile, a little beyond.
 FALL, _FALL_OF_PROFILE = (float(chdtri(1, p)) / 2 for p in (0.05, 0.025))
 _LEVEL = 0.95  # confidence of the limits of profiles
-#: By how much ln L may be below the wanted height at an end; above it by more the support ends first.
-_SLACK = 0.01
+_SLACK = 0.01  # by how much ln L may be below the wanted height at an end
+_OPEN = 0.05  # above it by more the support ends first: a climb ends within 0.001 in ln k, where ln L may be steep
 _MISSED = 1e-4  # the same at a point on the way there
 _POINTS = 7  # of a profile from its top to an end
 _ITERATIONS = 60  # of a climb
@@ -259,7 +259,7 @@ class LikelihoodRegion:
 
     def _is_above(self, ends: Array, fall: float) -> NDArray[np.bool_]:
         """Whether ln L has not fallen so far at extremes, shape (n, d)."""
-        return self._height(ends) > self.greatest - fall + _SLACK
+        return self._height(ends) > self.greatest - fall + _OPEN
 
     def _extremes(self, index: int, fall: float, near: Array) -> Array:
         """Points θ, shape (2, d), with the least and the greatest value, from one near each and the farthest draws."""

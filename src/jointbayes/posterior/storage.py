@@ -572,7 +572,7 @@ def _public_class(name: str) -> type | None:
 
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
-FILE_VERSION = 2
+FILE_VERSION = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -654,11 +654,11 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version 1, which holds the text of a case instead of a problem; expected "
             f"{FILE_VERSION}; sample again"
         )
-    if version != FILE_VERSION or isinstance(version, float):
+    if version not in (2, FILE_VERSION) or isinstance(version, float):
         raise MeasurementError(
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    if isinstance(plain.get("knowledge"), dict):  # what earlier versions kept, and is found from the draws today
-        plain["knowledge"] = {k: v for k, v in plain["knowledge"].items() if k not in ("next_steps", "decides")}
+    if version == 2:  # its verdicts were sentences: what it kept is found from the draws again
+        plain["knowledge"] = None
     return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from jointbayes.progress import Budget
 from jointbayes.sampling.chains import Chains
@@ -192,6 +191,8 @@ def draws_from_two_origins(
 
 def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator) -> Kernels:
     """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
+    from scipy.spatial import cKDTree  # settings of a sampler are read without scipy
+
     sd = ground.sd
     wide = int(np.median((ground.widths(points) > _WIDE).sum(axis=1)))
     bent = min(wide, _MOST_BENT, sd.size - 1)
