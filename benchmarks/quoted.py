@@ -102,8 +102,8 @@ def _run(record: Record, name: str) -> list[str]:
 
 
 def _answer(record: Record, name: str) -> list[str]:
-    """The first line of each stiffness."""
-    known = tuple(f"{k}: " for k in stiffnesses(record["cases"][name]))
+    """The line of each stiffness."""
+    known = tuple(f"{k} {word} " for k in stiffnesses(record["cases"][name]) for word in ("=", "above", "below"))
     return _fenced([line for line in record["cases"][name]["printed"] if line.startswith(known)])
 
 
