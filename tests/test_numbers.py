@@ -66,7 +66,7 @@ def test_a_changed_number_in_a_page_is_noticed(record):
     found = quoted.INLINE.search(readme)
     assert quoted.written(readme[: found.start(3)] + "9" + readme[found.start(3) :], record) == readme
     page = (numbers.ROOT / "docs" / "examples" / "frames.md").read_text(encoding="utf-8")
-    terminal = page.replace("first.kx: ", "first.kx: 1", 1)
+    terminal = page.replace("first.kx = ", "first.kx = 1", 1)
     assert terminal != page
     assert quoted.written(terminal, record) == page
 
