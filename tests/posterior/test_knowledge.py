@@ -359,8 +359,13 @@ def test_what_a_case_takes_as_exact_beside_its_own_uncertain_quantities_is_freed
 
 
 @pytest.mark.whole
-def test_where_no_draws_can_be_trusted_a_row_says_nothing(of_uncertain, cheap_posterior, uncertain, monkeypatch):
-    monkeypatch.setattr("jointbayes.sampling.origins._USELESS", 1e9)
+@pytest.mark.parametrize(
+    ("limit", "value"), [("sampling.origins._USELESS", 1e9), ("posterior.knowledge._AFFORDABLE", 100)]
+)
+def test_where_no_draws_can_be_trusted_or_afforded_a_row_says_nothing(
+    limit, value, of_uncertain, cheap_posterior, uncertain, monkeypatch
+):
+    monkeypatch.setattr(f"jointbayes.{limit}", value)
     rows = effect_of_uncertain_inputs(cheap_posterior, uncertain.problem)
     assert len(rows) == 2
     assert rows[-1].source == "none"

@@ -58,6 +58,8 @@ Source = Literal["this run", "importance sampling", "short run", "none"]  # a sh
 LARGEST_CHANGE = 0.5
 _REGION_DRAWS = 4000
 _KEPT = 2000  # draws of a row, with the run
+#: Residuals times unknowns of a row: with more, climbs from the whole prior take many minutes and end nowhere.
+_AFFORDABLE = 50_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +209,8 @@ def _row(
     estimate = posterior.estimate
     found = np.array([mode.theta for mode in estimate.modes or [estimate]])
     modes = by_names(found, posterior.problem.names, problem.names)
+    if problem.log_posterior.likelihood.n_data * free.size > _AFFORDABLE:
+        return UncertainInputsRow(uncertain, "none", {})
     part = Landing(problem.log_posterior, free, modes[0])
     try:
         sample = draws_from_two_origins(
