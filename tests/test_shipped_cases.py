@@ -144,8 +144,9 @@ def test_of_eighteen_storeys_eight_combinations_are_known():
     record = RECORD["cases"]["eighteen_storeys"]
     assert record["directions"]["known"] == 7
     assert record["directions"]["sd"][7] < 0.105
-    # foot and top of the building, and a storey between: the others rest on the prior
-    verdicts = {i: record[f"s{i:02d}.kx"]["verdict"] for i in range(1, 19)}
-    assert {i: verdict for i, verdict in verdicts.items() if verdict != "not identified"} == dict.fromkeys(
-        (1, 14, 18), "weakly identified"
-    )
+    # the three that the data tell least of have lost less than half of the prior's variance of ln k
+    storeys = [record[f"s{i:02d}.kx"] for i in range(1, 19)]
+    widest = sorted(storeys, key=lambda storey: storey["ratio"])[-3:]
+    assert [storey["verdict"] for storey in storeys] == [
+        "not identified" if storey in widest else "weakly identified" for storey in storeys
+    ]
