@@ -8,7 +8,7 @@ import pytest
 from benchmarks import gallery, numbers, quoted, readme_figure
 from benchmarks.paper_tables import audit
 
-from jointbayes.posterior.identifiability import RULE
+from jointbayes.verdict_rule import RULE
 
 pytestmark = pytest.mark.docs
 

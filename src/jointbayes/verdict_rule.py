@@ -50,3 +50,7 @@ class VerdictRule:
             f"({self.weakly_identified:g}) times the lower end, and the variance of ln k at least "
             f"{100 * self.contraction:g} % less than the prior's"
         )
+
+
+#: The rule where nobody states another.
+RULE = VerdictRule()

@@ -214,7 +214,9 @@ def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(boun
 def test_combinations_rest_on_exact_inputs_unless_freeing_them_was_seen_to_change_nothing(stated, verdict, condition):
     known = {"k11": replace(assess(np.linspace(1.0, 2.0, 100), np.linspace(1.0, 100.0, 100)), cls=verdict)}
     run = UncertainInputsRow((), "this run", known)
-    knowledge = replace(stated.knowledge, freed=(run, UncertainInputsRow(("length", "density"), "short run", known)))
+    knowledge = replace(
+        stated.knowledge, freed=(run, UncertainInputsRow(("length", "density"), "importance sampling", known))
+    )
     assert knowledge.exact == {}
     said = knowledge.bounds_sentence
     assert said.startswith("With length and density exactly known: the data rule out that the joint is") == condition

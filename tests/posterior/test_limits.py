@@ -16,11 +16,12 @@ from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_b
 from jointbayes.joint import parametrisation_named
 from jointbayes.phrases import Reason
 from jointbayes.posterior import Posterior, verdicts
-from jointbayes.posterior.identifiability import RULE, assess, with_test_alone
+from jointbayes.posterior.identifiability import assess, with_test_alone
 from jointbayes.posterior.limits import FALL, LikelihoodRegion
 from jointbayes.posterior.posterior import _profiles
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import quantity_text, with_interval
+from jointbayes.verdict_rule import RULE
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE, unsettled
 from tests.posterior.test_verdicts import bound_at_draws, with_cached
 

@@ -9,10 +9,11 @@ from jointbayes.identification.map_estimate import SearchEffort
 from jointbayes.inference import Premises, UsedMode
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
-from jointbayes.posterior.identifiability import RULE, judge_by_rule
+from jointbayes.posterior.identifiability import judge_by_rule
 from jointbayes.posterior.knowledge import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.model_errors import InferredError, MeshCheck
 from jointbayes.posterior.run_record import RunRecord
+from jointbayes.verdict_rule import RULE
 
 RECORD = RunRecord("case", "", 1, True, "", {}, {}, {})  # type: ignore[typeddict-item]
 DIAGNOSIS = Diagnosis((ModeError(100.0, 98.0, 1.2),), (PairFit("1:y", "1:y", 0.9, 1.0, False),), ())

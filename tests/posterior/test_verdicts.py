@@ -11,10 +11,11 @@ import pytest
 import jointbayes as jb
 from jointbayes.phrases import PHRASES, Reason
 from jointbayes.posterior import summarise, verdicts
-from jointbayes.posterior.identifiability import RULE, ExactInputs, Verdict, VerdictRule
+from jointbayes.posterior.identifiability import ExactInputs, Verdict
 from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines
 from jointbayes.report.markup import badge
 from jointbayes.rounding import factor, quantity_text, rounded, rounded_interval
+from jointbayes.verdict_rule import RULE, VerdictRule
 from tests.conftest import TO_CONVERGE, edited, first_in_ci, judged_as, of_case, shipped_text, unsettled
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -5,13 +5,13 @@ import datetime
 import pytest
 from benchmarks.reference_pages import glossary
 
-from jointbayes.posterior.identifiability import RULE
 from jointbayes.report.guides import guide_of, packaged, terms, with_guides
 from jointbayes.report.html import render_html
 from jointbayes.report.methods import terms_section
 from jointbayes.report.model import Figure, Guide, Paragraph, Report, ReportSection
 from jointbayes.report.pdf import render_pdf
 from jointbayes.sampling import SamplerSettings
+from jointbayes.verdict_rule import RULE
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
 

@@ -13,8 +13,9 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import DirectSolve
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
-from jointbayes.posterior.identifiability import RULE, judge_by_rule
+from jointbayes.posterior.identifiability import judge_by_rule
 from jointbayes.structure import beam
+from jointbayes.verdict_rule import RULE
 from tests.conftest import CLAMP, CONFIGS, STEEL, TABLE_3, edited, pair_matrix, rod
 from tests.oracles import differences
 from vibrecords import FrfData, FrfSet

@@ -19,7 +19,7 @@ from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
 pytestmark = pytest.mark.science
 
 SCALE = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-_LIMIT = r"(k11|k12|k22) is bounded (below|above): (?:above|below) (\S+ \S+) \(95 %\)"
+_LIMIT = r"(k11|k12|k22) is bounded (?:below|above): (?:above|below) (\S+ [GMk]?N\S*)"
 _NUMBER = r"-?[\d.]+(?:e-?\d+)?"
 _SPREAD = rf"(\S.*?) is ([a-z ]+): {_NUMBER} \(({_NUMBER}) to ({_NUMBER})\),? (SI|[GMk]?N)"
 NAMES = ("k11", "k12", "k22")
@@ -51,15 +51,13 @@ def figures_of(values):
     return (low, high), max(high / low, low / high) if one_sign else math.inf
 
 
-def printed_of(quantity, posterior, summary):
+def printed_of(quantity, posterior):
     """Interval and ratio as they are to be printed: of the draws."""
-    del summary
     return figures_of(values_of(quantity, posterior))
 
 
-def limit_of(name, values, end, summary):
-    """Lower (0) or upper (1) limit of a bounded quantity."""
-    del values, end
+def limit_of(name, summary):
+    """Limit of a bounded quantity."""
     return summary["parameters"][name]["limit"]
 
 
@@ -85,7 +83,7 @@ def test_every_combination_in_the_summary_has_the_spread_of_its_own_draws(writte
     assert {d["quantity"] for d in directions if d["limit"]} == bounded
     for named in directions:
         values = values_of(named["quantity"], posterior)
-        ends, ratio = printed_of(named["quantity"], posterior, summary)
+        ends, ratio = printed_of(named["quantity"], posterior)
         assert named["limit"] or named["interval95"] == pytest.approx(ends, rel=1e-4)
         if named["quantity"] in NAMES:
             assert named["verdict"] == summary["parameters"][named["quantity"]]["verdict"]
@@ -107,9 +105,9 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
         for clause in re.split(r"; |\. ", text.replace("**", "")):
             clause = re.sub(r"^With [^:]+ exactly known: ", "", clause)
             if (match := re.match(_LIMIT, clause)) is not None:
-                name, side, printed = match.groups()
-                (limit, prefixed), end = printed.split(), int(side == "above")
-                expected = limit_of(name, posterior.values(name), end, summary)
+                name, printed = match.groups()
+                limit, prefixed = printed.split()
+                expected = limit_of(name, summary)
                 assert float(limit) * SCALE[prefixed.partition("N")[0]] == pytest.approx(expected, rel=0.01)
                 found += 1
                 continue
@@ -118,7 +116,7 @@ def test_every_sentence_about_a_spread_says_what_the_draws_say(written):
                 continue
             quantity, verdict, *printed, unit = match.groups()
             quantity = quantity.removeprefix("The coupling stiffness ")
-            ends, ratio = printed_of(quantity, posterior, summary)
+            ends, ratio = printed_of(quantity, posterior)
             scale = SCALE[unit.removesuffix("SI").removesuffix("N")]
             assert [scale * float(end) for end in printed] == pytest.approx(ends, rel=0.03)  # of two digits
             assert verdict in {of_the_rule(r) for r in (ratio, figures_of(values_of(quantity, posterior))[1])}
@@ -130,14 +128,13 @@ def test_the_table_of_combinations_prints_the_same_numbers(written):
     posterior, report, summary = written
     table = table_of(report, "Combinations of the stiffnesses that are determined independently")
     for quantity, interval, ratio, sd, _ in table.rows:
-        values = values_of(quantity, posterior)
         if " to " not in interval:
-            side, limit, unit, *_ = interval.split(" ")
-            expected = limit_of(quantity, values, int(side == "below"), summary)
+            _, limit, unit, *_ = interval.split(" ")
+            expected = limit_of(quantity, summary)
             assert float(limit) * SCALE[unit.partition("N")[0]] == pytest.approx(expected, rel=0.01)
             assert (ratio, sd) == ("–", "–")
             continue
-        ends, expected = printed_of(quantity, posterior, summary)
+        ends, expected = printed_of(quantity, posterior)
         printed = [float(end) for end in interval.split(" to ")]
         assert printed == pytest.approx(ends, rel=0.01)
         assert (ratio == "–") if math.isinf(expected) else float(ratio) == pytest.approx(expected, rel=0.01)
@@ -161,7 +158,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_
     for name, row, cell in zip(NAMES, table.rows, cells[1:4], strict=True):
         assert row[run].partition("\n")[0] == cell == posterior.verdict(name).value
         if not posterior.verdict(name).limit:
-            ends, _ = printed_of(name, posterior, summary)
+            ends, _ = printed_of(name, posterior)
             *printed, prefix = re.fullmatch(r"\S+ \((\S+) to (\S+)\) ([GMk]?)N\S*", cell).groups()
             assert [float(end) * SCALE[prefix] for end in printed] == pytest.approx(ends, rel=0.03)  # of two digits
 

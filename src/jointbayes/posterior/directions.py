@@ -29,8 +29,9 @@ from jointbayes.joint.combinations import (
     powers_text,
     single_values,
 )
-from jointbayes.posterior.identifiability import CERTAINTY, RULE, Verdict, VerdictClass, assess, judge_by_rule, ratio_of
+from jointbayes.posterior.identifiability import CERTAINTY, Verdict, VerdictClass, assess, judge_by_rule, ratio_of
 from jointbayes.rounding import rounded, rounded_interval, with_interval
+from jointbayes.verdict_rule import RULE
 from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointbayes.phrases import NO_VALID_VALUE, Because, Reason, listed
 from jointbayes.rounding import quantity_text, with_interval
-from jointbayes.verdict_rule import VerdictRule
+from jointbayes.verdict_rule import RULE, VerdictRule
 from vibrecords.arrays import Array
 
 #: Monte Carlo standard error of a quantile of draws at a probability.
@@ -29,10 +29,9 @@ RANK: dict[VerdictClass, int] = {
 _VOLUME_SHARE = 0.1
 
 
-#: The rule where nobody states another.
-RULE = VerdictRule()
 #: What is said once next to one-sided limits.
-LIMIT_NOTE = f"Above, below: the one-sided limit at {100 * VerdictRule.LIMIT:g} %, by likelihood ratio."
+LIMIT_LEVEL = f"{100 * VerdictRule.LIMIT:g} %"
+LIMIT_NOTE = f"Above, below: the one-sided limit at {LIMIT_LEVEL}, by likelihood ratio."
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +169,7 @@ class Verdict:
     def value(self) -> str:
         """Median and 95 % interval with the unit, or the one-sided limit, as they are printed everywhere."""
         if math.isfinite(self.limit):
-            return f"{'above' if self.cls == 'bounded below' else 'below'} {quantity_text(self.limit, self.unit)}"
+            return limit_in_words(self.cls, self.limit, self.unit)
         return with_interval((self.median, *self.interval), self.unit, (self.median_error, *self.interval_error))
 
     def as_json(self) -> dict[str, Any]:
@@ -187,6 +186,17 @@ class Verdict:
             "conditions": self.conditions,
             "likelihood95": self.likelihood95,
         }
+
+
+def limit_in_words(cls: VerdictClass, limit: float, unit: str) -> str:
+    """One-sided limit of a bounded stiffness.
+
+    Examples
+    --------
+    >>> limit_in_words("bounded below", 4.482e5, "N·m/rad")
+    'above 448 kN·m/rad'
+    """
+    return f"{'above' if cls == 'bounded below' else 'below'} {quantity_text(limit, unit)}"
 
 
 def ratio_of(ends: tuple[float, float]) -> float:

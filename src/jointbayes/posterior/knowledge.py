@@ -53,7 +53,7 @@ from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
 
-Source = Literal["this run", "importance sampling", "short run", "none"]  # a short run: in files of before
+Source = Literal["this run", "importance sampling", "none"]
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
 _REGION_DRAWS = 4000
@@ -191,7 +191,7 @@ def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = 
     if not every:
         return ()
     run = UncertainInputsRow(present, "this run", {n: judge_stiffness(posterior, n) for n in posterior.stiffness_names})
-    if "no verdict" in map(str, run.verdict.values()):
+    if "no verdict" in run.verdict.values():
         return ()
     rng = np.random.default_rng([posterior.record.seed, 3])
     sets: list[tuple[str, ...]] = [()] if present else []

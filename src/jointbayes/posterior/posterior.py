@@ -25,7 +25,7 @@ from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, diagnose
 from jointbayes.posterior.directions import name_directions
 from jointbayes.posterior.forecast import NextStep
-from jointbayes.posterior.identifiability import RULE, ExactInputs, Verdict
+from jointbayes.posterior.identifiability import ExactInputs, Verdict
 from jointbayes.posterior.knowledge import (
     KeptKnowledge,
     Knowledge,
@@ -66,7 +66,7 @@ from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines
 from jointbayes.structure import StructureRecipe
-from jointbayes.verdict_rule import VerdictRule
+from jointbayes.verdict_rule import RULE, VerdictRule
 from vibrecords import FrfSet
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import frf_svg, paragraph_html, table_html

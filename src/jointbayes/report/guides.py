@@ -7,9 +7,9 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from jointbayes.posterior.identifiability import RULE
 from jointbayes.report.model import Block, Figure, Guide, Report
 from jointbayes.sampling import SamplerSettings
+from jointbayes.verdict_rule import RULE
 
 
 @cache

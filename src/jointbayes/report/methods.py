@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable
 from importlib.resources import files
 
-from jointbayes.posterior.identifiability import RULE
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.report.guides import packaged, terms
 from jointbayes.report.inputs import ReportInputs, TestInputs
@@ -16,6 +15,7 @@ from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Paragraph, ReportSection, Table
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
+from jointbayes.verdict_rule import RULE
 
 
 def report_text(key: str, **values: object) -> str:

@@ -1,10 +1,10 @@
 """A mixture of Student-t distributions at many places of a thin curved sheet, each bent as the sheet is there."""
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from jointbayes.sampling.distributions import log_peak
 from vibrecords.arrays import Array, Flags
 
 _DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
@@ -40,21 +40,20 @@ class Kernels:
 
     def __post_init__(self) -> None:
         d, into = self.places.shape[1], np.linalg.inv(self.axes)
-        peak = math.lgamma((_DOF + d) / 2) - math.lgamma(_DOF / 2) - d / 2 * math.log(_DOF * math.pi)
         derived = {
             "weights": self.weights / self.weights.sum(),
             "_into": into,
             "_bent": np.einsum("kij,kabj->kabi", into, self.bend),
-            "_log_peaks": peak - np.linalg.slogdet(self.axes)[1],
+            "_log_peaks": log_peak(_DOF, d) - np.linalg.slogdet(self.axes)[1],
         }
         for name, array in derived.items():
             object.__setattr__(self, name, array)
 
-    def draw(self, random: "np.random.Generator | np.random.RandomState", n: int) -> Array:
+    def draw(self, rng: np.random.Generator, n: int) -> Array:
         """Independent draws, shape (n, d)."""
         d, t = self.places.shape[1], self.bend.shape[1]
-        which = random.choice(len(self.places), n, p=self.weights)
-        z = random.standard_normal((n, d)) / np.sqrt(random.chisquare(_DOF, n) / _DOF)[:, None]
+        which = rng.choice(len(self.places), n, p=self.weights)
+        z = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(_DOF, n) / _DOF)[:, None]
         bent = np.einsum("na,nb,nabd->nd", z[:, :t], z[:, :t], self.bend[which]) / 2
         return self.places[which] + np.einsum("nij,nj->ni", self.axes[which], z) + bent
 

@@ -283,7 +283,6 @@ def independent_chains(log_density: LogDensity, found: Found, seconds: float) ->
     reason = f"{_CHAINS * steps} independent draws by importance sampling from two origins: {good}"
     if not found.settled:
         one = f"{100 * found.alone:.2g} % of the density was found from one origin only"
-        one = f"{100 * found.alone:.2g} % of the density was found from one origin only"
         reason = f"not converged after {found.evaluations} evaluations: {reason}; {one}"
     return Chains(
         theta=draws,

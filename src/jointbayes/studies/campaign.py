@@ -32,13 +32,14 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, toml_text
 from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError, similar
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.identifiability import limit_in_words
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report import Report
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Callout, ReportSection, Table
 from jointbayes.report.run_directory import write_into
 from jointbayes.reproducibility import code_version
-from jointbayes.rounding import engineering, join_unit, quantity_text
+from jointbayes.rounding import engineering, join_unit
 from jointbayes.studies.workers import Outcome, run_tasks
 from jointbayes.workflow import load_posterior
 from vibrecords.errors import path_fault, printable
@@ -680,7 +681,7 @@ def _known(row: Row, name: str) -> str:
         return verdict or "–"
     low, high, limit, unit = (row[f"{name}.{column}"] for column in ("low95", "high95", "limit", "unit"))
     if verdict in ("bounded below", "bounded above"):
-        return f"{'above' if verdict == 'bounded below' else 'below'} {quantity_text(limit, unit)}"
+        return limit_in_words(verdict, limit, unit)
     ends, in_unit = engineering((low, high), unit)
     return join_unit(" to ".join(ends), in_unit)
 

@@ -37,7 +37,7 @@ from jointbayes.case.spec.fields import (
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import HYPOTHESES, USUAL_HYPOTHESES
-from jointbayes.verdict_rule import VerdictRule
+from jointbayes.verdict_rule import RULE
 
 _LINE = r"^[^\r\n]*$"
 
@@ -123,7 +123,6 @@ def _ratio(of: str, example: float) -> object:
     return Field(gt=1, description=what, examples=[example])
 
 
-_RULE = VerdictRule()
 _CONTRACTION = Field(
     gt=0,
     lt=1,
@@ -135,9 +134,9 @@ _CONTRACTION = Field(
 class VerdictSpec(Spec):
     """Thresholds of the verdict on one stiffness."""
 
-    identified: Annotated[float, _ratio("an identified", 1.02)] = _RULE.identified
-    weakly_identified: Annotated[float, _ratio("a weakly identified", 2.0)] = _RULE.weakly_identified
-    contraction: Annotated[float, _CONTRACTION] = _RULE.contraction
+    identified: Annotated[float, _ratio("an identified", 1.02)] = RULE.identified
+    weakly_identified: Annotated[float, _ratio("a weakly identified", 2.0)] = RULE.weakly_identified
+    contraction: Annotated[float, _CONTRACTION] = RULE.contraction
 
 
 def _changes(of: str) -> object:

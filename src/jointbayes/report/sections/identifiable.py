@@ -6,7 +6,7 @@ from jointbayes.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
-from jointbayes.posterior.identifiability import VerdictClass
+from jointbayes.posterior.identifiability import LIMIT_LEVEL, VerdictClass
 from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
@@ -35,7 +35,11 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
     verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
     rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
-    dash = "A dash: draws of both signs, or a one-sided limit at 97.5 %." if any("–" in row for row in rows) else ""
+    dash = (
+        f"A dash: draws of both signs, or a one-sided limit at {LIMIT_LEVEL}."
+        if any("–" in row for row in rows)
+        else ""
+    )
     ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
     blocks.append(
         Table(
@@ -156,7 +160,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
     blocks: tuple[Block, ...] = (
         Paragraph(
             "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
-            "so well. One end alone is a limit at 97.5 %."
+            f"so well. One end alone is a limit at {LIMIT_LEVEL}."
         ),
         Table(
             "Likelihood-ratio limits at 95 %",
