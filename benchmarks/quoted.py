@@ -1,8 +1,9 @@
-"""The places of README and docs that quote runs or files, written from `docs/numbers.json` between two comments.
+"""Write what README and docs quote from runs and files, which `docs/numbers.json` records.
 
-A number within a line: ``<!--n clamped_beam.k11.ratio .3g-->3.83<!--/n-->``, the path in the record and the format.
-A block: ``<!--numbers run clamped_beam-->`` on a line of its own, then the block, then ``<!--/numbers-->``. The kinds
-of blocks are the keys of `BLOCKS`.
+1. Sentences with numbers: `sentences.txt` has each as a template. ``{clamped_beam.k11.ratio:.3g}`` is a path in the
+   record and a format. A page has the plain sentence, which is found by its words and written again.
+2. Blocks: ``<!--numbers run clamped_beam-->`` on a line of its own, then the block, then ``<!--/numbers-->``. The kinds
+   of blocks are the keys of `BLOCKS`.
 """
 
 import math
@@ -26,7 +27,7 @@ OBJECTIVES: dict[str, dict[str, tuple[float, ...]]] = {
     },
     "three_storeys": {"mean of their draws": (52508.0, 56956.0, 66778.0)},
 }
-INLINE = re.compile(r"<!--n ([\w.]+)(?: ([\w.%+]+))?-->(.*?)<!--/n-->")
+_PLACE = re.compile(r"\{([\w.]+)(?::([\w.%+]+))?\}")
 BLOCK = re.compile(r"^<!--numbers ([^\n]*?)-->\n.*?^<!--/numbers-->$", re.MULTILINE | re.DOTALL)
 MINUS = "\N{MINUS SIGN}"
 _MOST_LISTED = 3  # stiffnesses of a case in the table of all cases
@@ -37,13 +38,27 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
+def sentences() -> list[str]:
+    """Return the templates of sentences, one a paragraph of `sentences.txt`."""
+    return (ROOT / "benchmarks" / "sentences.txt").read_text(encoding="utf-8").strip().split("\n\n")
+
+
+def found(template: str, text: str) -> list[re.Match[str]]:
+    """Return where a page has the sentence of a template, with one group a number, whatever the line breaks."""
+    parts, words = _PLACE.split(template), ""
+    for part, style in zip(parts[::3], [*parts[2::3], ""], strict=True):
+        place = r"([\N{MINUS SIGN}\d.]*\d%?)" if style else '([^\\n"]{1,120}?)'
+        words += re.sub(r"(\\ )+", r"\\s+", re.escape(part)) + place
+    return list(re.finditer(words.removesuffix(place), text))
+
+
 def written(text: str, record: Record) -> str:
-    """A page with every marked place as the record has it.
+    """Return a page with every sentence and block as the record has it.
 
     Raises
     ------
     KeyError
-        If a marker names something that the record does not have.
+        If a template or a block names something that the record does not have.
     """
 
     def block(match: re.Match[str]) -> str:
@@ -51,12 +66,13 @@ def written(text: str, record: Record) -> str:
         body = "\n".join(BLOCKS[kind](record, *arguments))
         return f"<!--numbers {match[1]}-->\n{body}\n<!--/numbers-->"
 
-    def inline(match: re.Match[str]) -> str:
-        style = match[2] or ""
-        space = f" {style}" if style else ""
-        return f"<!--n {match[1]}{space}-->{printed(looked_up(record, match[1]), style)}<!--/n-->"
-
-    return INLINE.sub(inline, BLOCK.sub(block, text))
+    text = BLOCK.sub(block, text)
+    for template in sentences():
+        values = [printed(looked_up(record, path), style) for path, style in _PLACE.findall(template)]
+        for match in reversed(found(template, text)):
+            for group, value in reversed(list(enumerate(values, 1))):
+                text = text[: match.start(group)] + value + text[match.end(group) :]
+    return text
 
 
 def looked_up(record: Record, path: str) -> Any:
