@@ -1,21 +1,25 @@
-"""Every stage ends: after its processor time what there is is kept and reported as not settled."""
+"""Every stage ends: after its evaluations what there is is kept and reported as not settled, on any machine alike."""
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 import jointbayes as jb
 from jointbayes.identification import ModeSearch, first_starts, search_further
+from jointbayes.inference import Landing
 from jointbayes.posterior.next_step import advice
-from jointbayes.progress import BUDGET_S, Budget, usual_budget_s
+from jointbayes.progress import EVALUATIONS, Budget
 from jointbayes.report.sections.trust import _calculation
-from jointbayes.sampling import Proposal, StudentT, run_adapted, run_ensembles
+from jointbayes.sampling import Proposal, Quantities, StudentT, draws_from_two_origins, run_adapted, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited
 from tests.one_line import refused
+from tests.sampling.test_origins import SHEETS
 
-ALMOST_NONE = 1e-9  # s
+ALMOST_NONE = 1  # evaluations
 
 
 def gaussian(theta):
@@ -26,47 +30,90 @@ def start(rng):
     return rng.normal(size=(4, 8, 2))
 
 
-def test_a_budget_is_spent_when_its_time_has_passed():
-    assert Budget(ALMOST_NONE).is_spent
-    assert not Budget().is_spent
-    assert str(Budget()) == f"stopped after {BUDGET_S:g} s of processor time (budget_s)"
-    refused(lambda: jb.SamplerSettings(budget_s=0.0), jb.SamplingError, "budget_s: found 0")
+def test_a_budget_is_spent_by_evaluations():
+    budget = Budget(100)
+    budget.spend(99)
+    assert not budget.is_spent
+    budget.spend(1)
+    assert budget.is_spent
+    assert str(Budget()) == f"stopped after {EVALUATIONS} evaluations of the density (max_evaluations)"
+    refused(lambda: jb.SamplerSettings(max_evaluations=0), jb.SamplingError, "max_evaluations: found 0")
+    refused(lambda: jb.SamplerSettings(max_evaluations=1.5), jb.SamplingError, "max_evaluations: found 1.5")
 
 
 def test_the_budget_grows_with_the_unknowns_unless_it_is_stated():
-    assert (usual_budget_s(12), usual_budget_s(13)) == (120.0, 130.0)
-    assert str(jb.SamplerSettings().budget(36)) == "stopped after 360 s of processor time (budget_s)"
-    assert str(jb.SamplerSettings(budget_s=7.0).budget(36)) == "stopped after 7 s of processor time (budget_s)"
+    assert (jb.SamplerSettings().budget(12).most, jb.SamplerSettings().budget(13).most) == (EVALUATIONS, 4_290_000)
+    assert jb.SamplerSettings(max_evaluations=7).budget(36).most == 7
+
+
+@pytest.mark.parametrize("evaluations", [1000, 10_000_000])
+def test_walkers_on_a_slow_machine_make_the_same_draws(evaluations):
+    """Whether the budget ends them or the stop rule, time decides nothing."""
+
+    def slowly(theta):
+        time.sleep(0.0003)
+        return gaussian(theta)
+
+    settings = jb.SamplerSettings(walkers=8, max_steps=1000, max_evaluations=evaluations, tau_factor=5.0)
+    fast, slow = (
+        run_ensembles(density, start(np.random.default_rng(1)), np.random.default_rng(1), settings)
+        for density in (gaussian, slowly)
+    )
+    np.testing.assert_array_equal(fast.theta, slow.theta)
+    assert fast.reason == slow.reason
+    assert ("(max_evaluations)" in fast.reason) == (evaluations == 1000)
+
+
+def test_two_origins_on_a_slow_machine_make_the_same_draws():
+    class Slow(type(SHEETS["two modes"])):
+        def __call__(self, theta):
+            time.sleep(0.002)
+            return super().__call__(theta)
+
+    def drawn(kind, budget):
+        sheet = kind(SHEETS["two modes"].white, *SHEETS["two modes"].prior.support)
+        quantities = Quantities(("x", "y"), lambda theta: theta)
+        return draws_from_two_origins(
+            Landing(sheet), np.zeros((0, 2)), np.random.default_rng(1), quantities, budget=budget
+        )
+
+    whole = drawn(type(SHEETS["two modes"]), Budget())
+    # a budget that ends before the first step is done, one that ends at a look in the middle, one that is never spent
+    for most in (whole.evaluations // 3, 10 * whole.evaluations):
+        fast, slow = (drawn(kind, Budget(most)) for kind in (type(SHEETS["two modes"]), Slow))
+        assert (fast is None) == (slow is None) == (most < whole.evaluations)
+        if fast is not None:
+            np.testing.assert_array_equal(fast.theta, slow.theta)
 
 
 def test_walkers_stop_at_the_next_check_and_say_why():
-    settings = jb.SamplerSettings(walkers=8, max_steps=2000, budget_s=ALMOST_NONE)
+    settings = jb.SamplerSettings(walkers=8, max_steps=2000, max_evaluations=ALMOST_NONE)
     chains = run_ensembles(gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), settings)
     assert not chains.converged
     assert chains.steps == chains.history[-1].step == settings.check_every
     assert chains.reason.startswith("not converged after 50 steps (limit 2000)")
-    assert chains.reason.endswith("; stopped after 1e-09 s of processor time (budget_s)")
+    assert chains.reason.endswith("; stopped after 1 evaluations of the density (max_evaluations)")
 
 
-def test_a_run_that_settles_in_its_time_is_the_same_whatever_the_budget():
+def test_a_run_that_settles_is_the_same_whatever_the_budget():
     seeded = [start(np.random.default_rng(1)), np.random.default_rng(1)]
     settings = jb.SamplerSettings(walkers=8, max_steps=4000)
     chains = run_ensembles(gaussian, *seeded, settings)
     other = run_ensembles(
-        gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), replace(settings, budget_s=60.0)
+        gaussian, start(np.random.default_rng(1)), np.random.default_rng(1), replace(settings, max_evaluations=10**9)
     )
     assert chains.converged
-    assert "budget_s" not in chains.reason
+    assert "max_evaluations" not in chains.reason
     np.testing.assert_array_equal(chains.theta, other.theta)
 
 
-def test_no_further_stage_begins_once_the_time_is_spent():
+def test_no_further_stage_begins_once_the_budget_is_spent():
     rng = np.random.default_rng(2)
     proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.4, 0)  # so poor that it explores first
-    settings = jb.SamplerSettings(walkers=8, max_steps=20_000, budget_s=ALMOST_NONE)
+    settings = jb.SamplerSettings(walkers=8, max_steps=20_000, max_evaluations=ALMOST_NONE)
     chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
     assert (chains.discarded, chains.steps) == (0, settings.check_every)
-    assert chains.reason.endswith("(budget_s)")
+    assert chains.reason.endswith("(max_evaluations)")
 
 
 def test_a_search_ends_with_the_best_that_it_has(cheap_case):
@@ -77,16 +124,16 @@ def test_a_search_ends_with_the_best_that_it_has(cheap_case):
     search.climb(first_starts(problem, 1))
     assert search_further(search, problem, 1, told.append).rounds == 0
     assert np.isfinite(search.estimate().log_posterior)
-    assert any("stopped after 1e-09 s of processor time" in str(progress) for progress in told)
+    assert any("stopped after 1 evaluations of the density" in str(progress) for progress in told)
 
 
-def test_a_run_out_of_time_is_reported_with_its_draws(cheap_case):
-    case = jb.case_from_text("cheap", edited(cheap_text(), ("[sampling]", "[sampling]\nbudget_s = 7")))
-    assert case.sampler.budget_s == 7
-    posterior = jb.sample(case, seed=1, settings=replace(case.sampler, budget_s=ALMOST_NONE))
+def test_a_run_out_of_evaluations_is_reported_with_its_draws(cheap_case):
+    case = jb.case_from_text("cheap", edited(cheap_text(), ("[sampling]", "[sampling]\nmax_evaluations = 7")))
+    assert case.sampler.max_evaluations == 7
+    posterior = jb.sample(case, seed=1, settings=replace(case.sampler, max_evaluations=ALMOST_NONE))
     assert not posterior.converged
-    assert "(budget_s)" in posterior.reason
+    assert "(max_evaluations)" in posterior.reason
     assert len(posterior.theta) > 0
     inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
-    assert advice(posterior, ()) == "Raise budget_s in [sampling] and run again."
-    assert "[sampling] budget_s" in _calculation(inputs).text
+    assert advice(posterior, ()) == "Raise max_evaluations in [sampling] and run again."
+    assert "[sampling] max_evaluations" in _calculation(inputs).text

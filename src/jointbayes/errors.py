@@ -115,6 +115,7 @@ WENT = {
     "noise.model_error": "use [uncertain.model_error], an error of the model in each mode",
     "uncertain.mode_frequencies": "use [uncertain.model_error], an error of the model in each mode",
     "noise.residuals": "delete it, complex FRFs are compared; where the phase is not trusted state modes as data",
+    "sampling.budget_s": "use max_evaluations, a number of evaluations, which ends a run in the same place everywhere",
     "sampling.processes": "delete it, a run is one process (campaign takes --workers)",
     "calibrate": "simulation-based calibration checks the program itself and is one of its tests",
     "hierarchical": "the posteriors of a campaign are files; a population of two numbers is a few lines with emcee",

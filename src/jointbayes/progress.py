@@ -1,46 +1,56 @@
 """Where a long command stands: what each of them tells the callback that it is given as ``progress=``."""
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from jointbayes.errors import require
 
-#: Processor time that a stage may take by default, s, and of many unknowns for each of these.
-BUDGET_S, _OF_EACH_S = 120.0, 10.0
-
-
-def usual_budget_s(unknowns: int) -> float:
-    """Processor time that a search for so many unknowns may take by default, or their sampling, s.
-
-    Examples
-    --------
-    >>> usual_budget_s(3), usual_budget_s(36)
-    (120.0, 360.0)
-    """
-    return max(BUDGET_S, _OF_EACH_S * unknowns)
+#: Default budget of a stage in evaluations of the density, and the share of each of many unknowns.
+EVALUATIONS, _OF_EACH = 4_000_000, 330_000
 
 
 class Budget:
-    """Processor time that a stage may take, from when this is made, so that every stage comes to an end.
+    """Evaluations of the density that a stage may make, so that every stage ends, on every machine in the same place.
 
     Parameters
     ----------
-    seconds
-        How much.
+    most
+        Number of evaluations: rows of θ, however many are evaluated together.
+
+    Examples
+    --------
+    >>> budget = Budget(1000)
+    >>> budget.spend(1000)
+    >>> budget.is_spent
+    True
     """
 
-    def __init__(self, seconds: float = BUDGET_S) -> None:
-        self._end, self._seconds = time.process_time() + seconds, seconds
+    def __init__(self, most: int = EVALUATIONS) -> None:
+        self.most, self.spent = most, 0
+
+    @classmethod
+    def usual(cls, unknowns: int) -> "Budget":
+        """The default budget of a search for some number of unknowns, or of their sampling.
+
+        Examples
+        --------
+        >>> Budget.usual(3).most, Budget.usual(36).most
+        (4000000, 11880000)
+        """
+        return cls(max(EVALUATIONS, _OF_EACH * unknowns))
+
+    def spend(self, evaluations: int) -> None:
+        """Count evaluations that were made."""
+        self.spent += evaluations
 
     @property
     def is_spent(self) -> bool:
         """Whether the stage has to end with what there is."""
-        return time.process_time() > self._end
+        return self.spent >= self.most
 
     def __str__(self) -> str:
-        return f"stopped after {self._seconds:g} s of processor time (budget_s)"
+        return f"stopped after {self.most} evaluations of the density (max_evaluations)"
 
 
 @dataclass(frozen=True, slots=True)

@@ -196,7 +196,7 @@ class Case:
             ensembles=spec.ensembles,
             walkers=spec.walkers,
             max_steps=spec.max_steps,
-            budget_s=spec.budget_s,
+            max_evaluations=spec.max_evaluations,
         )
         if "walkers" in spec.model_fields_set:
             return settings

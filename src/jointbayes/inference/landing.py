@@ -42,6 +42,11 @@ class Landing:
         #: Prior standard deviations of the free coordinates, shape (f,).
         self.sd = prior.sd[self._free]
 
+    @property
+    def evaluations(self) -> int:
+        """Number of points at which the posterior was evaluated so far."""
+        return self._posterior.evaluations
+
     def whole(self, theta: Array) -> Array:
         """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
         points = np.zeros((len(theta), self._mode.size))

@@ -42,6 +42,8 @@ class LogPosterior:
             raise ModelError.of("posterior", (), f"found priors for {named}", f"one for each of {likelihood.names}")
         #: Number of joints inside the prior's support at which the model had no finite value so far.
         self.singular = 0
+        #: Number of joints at which the model was evaluated so far; derivatives at one count as many differences.
+        self.evaluations = 0
         self._parametrisation = prior.parametrisation
 
     def __call__(self, theta: ArrayLike) -> Array:
@@ -88,6 +90,7 @@ class LogPosterior:
             If the further term does not give one number for each θ.
         """
         t = np.atleast_2d(np.asarray(theta, dtype=float))
+        self.evaluations += len(t)
         value = self.likelihood.log_likelihood(self.prior.matrix(t), self.prior.factors(t))
         if self.extra is None:
             return value
@@ -113,7 +116,9 @@ class LogPosterior:
 
     def white(self, theta: ArrayLike) -> Array:
         """Real residuals, shape (n, m), white with unit variance if model and noise hold, at θ, shape (n, d)."""
-        return self.likelihood.white(*self._points(theta))
+        matrices, factors = self._points(theta)
+        self.evaluations += len(factors)
+        return self.likelihood.white(matrices, factors)
 
     def typical_squares(self, theta: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals at one θ, see `Likelihood.typical_squares`."""
@@ -151,6 +156,7 @@ class LogPosterior:
     def data_residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""
         t = np.asarray(theta, dtype=float)
+        self.evaluations += 1 + t.size
         directions = self._parametrisation.changes(self.prior.joint(t))
         return self.likelihood.residuals(self.prior.matrix(t), directions, self.prior.factors(t))
 

@@ -87,7 +87,7 @@ class RunRecord:
     @property
     def limit_to_raise(self) -> str:
         """Key of ``[sampling]`` that ended a run which has not converged."""
-        return "max_steps" if self.sampler["steps"] >= self.sampler["max_steps"] else "budget_s"
+        return "max_steps" if self.sampler["steps"] >= self.sampler["max_steps"] else "max_evaluations"
 
 
 class SampledCase(Protocol):

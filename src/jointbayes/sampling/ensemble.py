@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from jointbayes.errors import SamplingError
-from jointbayes.progress import Budget, usual_budget_s
+from jointbayes.progress import Budget
 from vibrecords.arrays import Array, Flags
 
 if TYPE_CHECKING:
@@ -52,10 +52,9 @@ class SamplerSettings:
         Monte Carlo standard error of each end of each 95 % interval, as a share of the interval's width on the
         scale of the coordinate (ln k), must be below this; above 0. A Gaussian asks for 1200 effective draws at
         0.02, a density with a long tail for ten times as many.
-    budget_s : float or None
-        Processor time after which the run ends, at the next check, whether it has converged or not, s; above 0. None
-        is 120 s, or 10 s for each parameter where that is more. Where a run ends so, and there alone, the draws depend
-        on the machine.
+    max_evaluations : int or None
+        Evaluations of the density after which the search for the mode ends, and the run at its next check, whether it
+        has converged or not. None is 4 million, or 330 000 for each parameter where that is more.
 
     Raises
     ------
@@ -76,7 +75,7 @@ class SamplerSettings:
     tau_tolerance: float = 0.02
     r_hat_max: float = 1.01
     end_tolerance: float = 0.02
-    budget_s: float | None = None
+    max_evaluations: int | None = None
 
     def __post_init__(self) -> None:
         self._require_integer("ensembles", 4, "R̂ compares independent ensembles with each other")
@@ -92,12 +91,12 @@ class SamplerSettings:
         self._require_between("tau_tolerance", 0.0, 1.0)
         self._require_between("r_hat_max", 1.0, math.inf)
         self._require_between("end_tolerance", 0.0, math.inf)
-        if self.budget_s is not None:
-            self._require_between("budget_s", 0.0, math.inf)
+        if self.max_evaluations is not None:
+            self._require_integer("max_evaluations", 1, "the search for the mode begins with some")
 
     def budget(self, dimension: int) -> Budget:
-        """Processor time of a density of so many parameters, from now on."""
-        return Budget(usual_budget_s(dimension) if self.budget_s is None else self.budget_s)
+        """Evaluations of a density of some number of parameters that a stage may make."""
+        return Budget.usual(dimension) if self.max_evaluations is None else Budget(self.max_evaluations)
 
     def for_one_of_many(self, *, full: bool = False) -> "SamplerSettings":
         """The same for one of many analyses: a stop rule that asks for some 4000 effective draws.

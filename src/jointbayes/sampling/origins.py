@@ -50,6 +50,10 @@ class Ground(Protocol):
     def sd(self) -> Array:
         """Widths of the prior, shape (d,)."""
 
+    @property
+    def evaluations(self) -> int:
+        """Number of points at which the density was evaluated so far."""
+
     def log_density(self, theta: Array) -> Array:
         """Log of the unnormalised density, shape (n,), at θ, shape (n, d)."""
 
@@ -120,20 +124,29 @@ def draws_from_two_origins(
     tell
         Called with a sentence after each look.
     budget
-        Processor time after which the ends have not settled; by default that of any stage, from now on.
+        Evaluations of the density after which the ends have not settled, looked at between the steps; by default those
+        of any stage.
 
     Returns
     -------
     Found or None
-        None where kernels do not resemble the density: of many coordinates, of which a sheet has many as well.
+        None where kernels do not resemble the density: of many coordinates, of which a sheet has many as well; and
+        where the budget ends before there are draws.
 
     References
     ----------
     O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), DOI 10.1007/s11222-008-9059-x.
     A. Owen, Y. Zhou, Safe and effective importance sampling (2000), DOI 10.1080/01621459.2000.10473909.
     """
-    density, budget, evaluations = Checked(ground.log_density), budget or Budget(), 0
-    places, found, climbs = [modes, modes[:0]], None, _LANDED
+    density, budget, counted = Checked(ground.log_density), budget or Budget(), ground.evaluations
+    places, found, climbs, begun = [modes, modes[:0]], None, _LANDED, counted
+
+    def is_spent() -> bool:
+        nonlocal counted
+        budget.spend(ground.evaluations - counted)
+        counted = ground.evaluations
+        return budget.is_spent
+
     for _ in range(_TRIALS):
         # 1. climb down from all of the prior
         landings = [ground.land(climbs, rng) for _ in places] if climbs else []
@@ -142,11 +155,14 @@ def draws_from_two_origins(
             landed = [theta[value > max(heights, default=0.0) - _HIGH] for theta, value in landings]
             places = [np.concatenate(pair) for pair in zip(places, landed, strict=True)]
         climbs = 2 * max(climbs, _LANDED)
+        if is_spent():
+            break
         if not all(map(len, places)):
             continue
         # 2. adapt the kernels of each origin by draws of its own
         origins = [_adapted(density, ground, points, rng) for points in places]
-        evaluations += len(origins) * _ROUNDS * _DRAWS
+        if is_spent():
+            break
         # 3. draws of both, weighted as from both together, until the ends are known
         theta, value, proposed = modes[:0], np.empty(0), np.empty((len(origins), 0))
         for batch in range(1, _BATCHES + 1):
@@ -166,9 +182,8 @@ def draws_from_two_origins(
             error, effective = interval_errors(quantities.values(theta), weight)
             known = (error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE) or effective >= ENOUGH
             known = known and float(weight.max()) <= _LARGEST_WEIGHT
-            if known or budget.is_spent:
+            if known or is_spent():
                 break
-        evaluations += total
         if not log_weight.size:
             continue
         # 4. what only one of them has found
@@ -178,9 +193,9 @@ def draws_from_two_origins(
         settled = known and alone <= ALONE
         tell(f"ends good to {100 * error:.2g} % of their intervals' width, {100 * alone:.2g} % seen by one origin only")
         log_z_error = math.sqrt(max(1 / independent - 1 / total, 0.0))
-        figures = evaluations, independent / total, settled
+        figures = ground.evaluations - begun, independent / total, settled
         found = Found(handed, effective, error, alone, log_z, log_z_error, *figures)
-        if settled or budget.is_spent:
+        if settled or is_spent():
             break
         if alone <= ALONE:  # nothing is missing, but some places are rarely proposed
             climbs, missed = 0, np.flatnonzero(log_weight > log_z + _MISSED)

@@ -257,7 +257,7 @@ def run_ensembles(
     slow: Slow | None = None,
     budget: Budget | None = None,
 ) -> Chains:
-    """Run the ensembles side by side until the stop rule is met, or a limit of steps or of processor time is reached.
+    """Run the ensembles side by side until the stop rule is met, or a limit of steps or of evaluations is reached.
 
     Parameters
     ----------
@@ -317,7 +317,8 @@ def run_ensembles(
         return budget.is_spent and bool(stage.checks) and stage.checks[-1].step == stage.step
 
     while not is_done():
-        states = stage.extend(advance_one, states, streams, settings)
+        before, states = stage.step, stage.extend(advance_one, states, streams, settings)
+        budget.spend((stage.step - before) * settings.ensembles * settings.walkers)
         stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
         verdict = stage.verdict(settings)
         stage.condense()

@@ -88,9 +88,9 @@ class SamplingSpec(Spec):
     ensembles: Annotated[int, count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES)] = 4
     walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
     max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
-    budget_s: Annotated[int | None, count_field("the processor time of search and of sampling, s", 120, 1, 10**6)] = (
-        None
-    )
+    max_evaluations: Annotated[
+        int | None, count_field("the most evaluations of search and of sampling, each", 4_000_000, 1, 10**12)
+    ] = None
 
 
 class ReferenceSpec(NamedStiffnessSpec):
