@@ -120,6 +120,20 @@ def test_shares_of_two_modes_apart_are_right():
         assert (found_of(sheet, seed).theta[:, 1] > 0).mean() == pytest.approx(share, abs=0.03)
 
 
+def test_a_thin_mode_has_its_share():
+    """All climbs to it end at one point, which must make one long kernel and not many short ones."""
+    thickness = 0.0031
+    sheet = Sheet(
+        lambda t: columns(t[:, 0] - 1, (t[:, 1] ** 2 - 9) / np.where(t[:, 1] > 0, 1.54, thickness)), (-6, -8), (8, 8)
+    )
+    y = np.linspace(-8, 8, 4_000_001)
+    height = np.exp(-0.5 * ((y**2 - 9) / np.where(y > 0, 1.54, thickness)) ** 2)
+    share = height[y < 0].sum() / height.sum()
+    assert share == pytest.approx(0.002, rel=0.01)
+    drawn = [(found_of(sheet, seed).theta[:, 1] < 0).mean() for seed in range(12)]
+    assert np.mean(drawn) == pytest.approx(share, rel=0.3)
+
+
 def test_what_only_one_origin_found_is_not_settled(monkeypatch):
     """One origin never comes down on y < 0: more than `ALONE` is its alone, and the run does not say it is done."""
     sheet, whole = SHEETS["two modes"], Landing.land

@@ -49,6 +49,7 @@ from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.verdicts import conclude, judge_stiffness
 from jointbayes.posterior.what_decides import WhatDecides
+from jointbayes.progress import Budget
 from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
@@ -196,13 +197,17 @@ def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = 
     rng = np.random.default_rng([posterior.record.seed, 3])
     sets: list[tuple[str, ...]] = [()] if present else []
     sets += [every] if set(every) > set(present) else []
-    return run, *(_row(posterior, problem, names, rng) for names in sets)
+    budget = Budget.usual(len(problem.names))
+    return run, *(_row(posterior, problem, names, rng, budget) for names in sets)
 
 
 def _row(
-    posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator
+    posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator, budget: Budget
 ) -> UncertainInputsRow:
-    """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run."""
+    """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run.
+
+    All rows share the budget.
+    """
     held = set(uncertain_quantities(problem)) - set(uncertain)
     free = np.array([i for i, name in enumerate(problem.names) if name not in held])
     names, judged = [problem.names[i] for i in free], judged_quantities(problem.prior)
@@ -218,6 +223,7 @@ def _row(
             by_names(modes, problem.names, names),
             rng,
             Quantities(judged.names, lambda t: judged.values(part.whole(t))),
+            budget=budget,
         )
     except (JointBayesError, np.linalg.LinAlgError):
         sample = None

@@ -91,10 +91,6 @@ class Kernels:
             near |= ((theta / sd - place) ** 2).sum(axis=1) < (_CLOSE * length) ** 2
         return near
 
-    def weighted(self, weights: Array, keep: Flags) -> "Kernels":
-        """Some of the kernels with other weights, shape (k,)."""
-        return Kernels(self.places[keep], self.axes[keep], self.bend[keep], weights[keep])
-
     def joined(self, other: "Kernels", share: float) -> "Kernels":
         """These and others, which have this share of the probability."""
         weights = np.concatenate([(1 - share) * self.weights, share * other.weights])

@@ -28,7 +28,6 @@ _ROUNDS, _DRAWS = 7, 2000  # in which an origin's kernels are adapted
 _UNCHANGED = 2  # last rounds, after which no kernel is added
 _ADDED = 150  # kernels in a round
 _MISSED = 1.0  # ln of an importance weight over their mean: draws above it are rarely proposed
-_FEWEST = 0.02  # of an equal weight: a kernel that has less is dropped
 _KEPT = 0.1  # of all that is proposed goes to all kernels alike
 _WIDE = 0.15  # prior standard deviations: along wider axes a sheet is followed
 _MOST_BENT = 5
@@ -208,7 +207,10 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
     """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
     from scipy.spatial import cKDTree  # settings of a sampler are read without scipy
 
+    # climbs that end at one point make one kernel: as neighbours of each other they would make each too short
     sd = ground.sd
+    _, first = np.unique(np.round(points / (_NEAREST * sd)), axis=0, return_index=True)
+    points = points[np.sort(first)]
     wide = int(np.median((ground.widths(points) > _WIDE).sum(axis=1)))
     bent = min(wide, _MOST_BENT, sd.size - 1)
     neighbours = 2**bent + 2
@@ -235,7 +237,7 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
         # population Monte Carlo: a kernel's weight is the share of the density that is likely its own
         shares = np.exp(each - proposed) @ weight * kernels.weights
         shares = (1 - _KEPT) * shares / shares.sum() + _KEPT / len(shares)
-        kernels = kernels.weighted(shares, shares > _FEWEST / len(shares))
+        kernels = Kernels(kernels.places, kernels.axes, kernels.bend, shares)
         missed = np.flatnonzero(value - proposed > np.logaddexp.reduce(log_weight) - math.log(_DRAWS) + _MISSED)
         if number <= _ROUNDS - _UNCHANGED and missed.size > 1:
             chosen = theta[missed[drawn_without_replacement(log_weight[missed], _ADDED, rng)]]
