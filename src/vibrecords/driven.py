@@ -29,7 +29,7 @@ def driven_lines(coherence: Array, noise: Array) -> slice:
     stretch = 2 * int(count * _STRETCH / 2) + 1
     if count < _FEWEST:
         return slice(0, count)
-    wide = scipy.ndimage.median_filter(coherence, stretch, mode="nearest")
+    wide = scipy.ndimage.median_filter(coherence, stretch, mode="reflect")
     narrow = scipy.ndimage.uniform_filter1d(coherence, 3, mode="nearest")
     told = np.flatnonzero((wide >= BAD) | (narrow >= _MODE))
     if not told.size or np.median(coherence[told[0] : told[-1] + 1]) < GOOD:

@@ -202,271 +202,151 @@ def _spectrum(unit: str, size: np.ndarray) -> Callable[[Path], None]:
     return write_bytes(made_files.lvm(_NAMES, [F, size, _DEGREES], header))
 
 
-def _si() -> dict[str, Variant]:
-    kind = "SI under another label"
-    acc: dict[str, Any] = {"kind": kind, "frfs": [H], "quantity": "accelerance"}
-    return {
-        "g/N, factor and MKS": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=MKS))),
-        "g/N, factor alone": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=None))),
-        "g/N, MKS alone": Variant(**acc, write=_mat(FRF=_test_lab("g/N", H, factor=None, info=MKS))),
-        "g/N, nothing said": Variant(kind, _mat(FRF=_test_lab("g/N", H, factor=None, info=None)), [H], open_unit=True),
-        "mm/s^2/N with its factor": Variant(**acc, write=_mat(h=_test_lab("mm/s^2/N", H, factor=1e3, info=MKS))),
-        "averages of 12": Variant(
-            **acc,
-            averages=12,
-            write=_mat(
-                FRF=_test_lab("g/N", H, factor=1 / G, info=MKS, function_record={"average": {"nr_of_averages": 12.0}})
-            ),
-        ),
-        "histories": Variant(
-            kind,
-            _mat(
-                hammer=_test_lab("lbf", FORCE, factor=1 / 4.4482216, info=MKS),
-                tip=_test_lab("g", TIP, factor=1 / G, info=MKS),
-            ),
-            histories=SEEN,
-        ),
-        "label and factor of m/s^2": Variant(**acc, write=_mat(FRF=_test_lab("m/s^2/N", H, factor=1.0, info=MKS))),
-    }
+_ACC: dict[str, Any] = {"frfs": [H], "quantity": "accelerance"}
+_FRF: dict[str, Any] = {"frfs": [H]}
+_ORDER, _BINS, _ODD, _SLOW = np.argsort(_TWO), np.arange(257), H[:255], RNG.normal(size=5)
+_CELL = np.empty((1, 3), object)
+_CELL[0, :] = ["a", np.eye(2), {"x": 1.0}]
+_NONE = np.zeros((0,), dtype=[("a", object), ("b", object)])
+_REST = {"comment": "bench 4", "cells": _CELL, "flag": True, "none": np.empty((0, 0)), "count": np.int64(7)}
+_AVERAGED = _test_lab("g/N", H, factor=1 / G, info=MKS, function_record={"average": {"nr_of_averages": 12.0}})
+_LBF = _test_lab("lbf", FORCE, factor=1 / 4.4482216, info=MKS)
+_FAST = [("hammer", FORCE, clock("N", 1 / RATE)), ("tip", TIP, clock("m/s^2", 1 / RATE))]
+_GROUPS = {"fast": _FAST, "slow": [("temperature", _SLOW, clock("degC", 0.5))]}
+_MEASURED = np.column_stack([F, _PAIR])
+_PANDAS = np.array([f"({z.real!r}{z.imag:+.17g}j)" for z in H.tolist()])
+_TEXT_58, _SHORT_58 = function_58(H, **_EVEN), function_58(_ODD, **_EVEN)
+_ZEROS = _SHORT_58.rstrip("\n").split("\n")
+_ZEROS[-2] += f"{0.0:20.11E}" * (4 - len(_ZEROS[-2]) // 20)
+_FN, _ZETA, _PHI = MODES
+_TABLE = {"Frequency_Hz": _FN, "DampingRatio": _ZETA, "Phi": _PHI}
+_EACH = [dict(zip(_TABLE, each, strict=True)) for each in zip(_FN, _ZETA, _PHI.T, strict=True)]
+_LATE = _PHI[:, 0].repeat(2)[:5]
+_HAMMER = {"data": FORCE, "name": "hammer", "unit_str": "N", "fs": RATE}
+_SEP_5 = [_HAMMER, {**_HAMMER, "data": TIP, "name": "tip", "unit_str": "m/s^2"}]
 
 
-def _two_sided() -> dict[str, Variant]:
-    kind = "two-sided and whole axes"
-    order = np.argsort(_TWO)
-    bins = np.arange(257)
-    return {
-        "zero in the middle": Variant(kind, _mat(freq=_TWO[order], FRF=_TWO_H[order]), **_HALF),
-        "HDF5, frf named": Variant(kind, _hdf5(frequency=_TWO, frf=_TWO_H), **_HALF),
-        "npz, one letter": Variant(kind, _npz(f=_TWO, H=_TWO_H), **_HALF),
-        "fs beside, unnamed FRF": Variant(kind, _mat(fs=1024.0, f=_TWO, Zab=_TWO_H), layout={"frf": "Zab"}, **_HALF),
-        "whole Hz as int16": Variant(kind, _mat(fs=1024.0, freq=F.astype(np.int16), H=H), [H]),
-        "text, negative lines last": Variant(
-            kind, write_bytes(_columns("f [Hz],re [m/N],im [m/N]\n", _TWO, _TWO_H.real, _TWO_H.imag)), **_HALF
-        ),
-        "numbers of lines with df": Variant(
-            kind, _npz(df=2.0, bin=bins, FRF=np.r_[0.1, H]), layout={"f_start_hz": "0"}, **_HALF
-        ),
-    }
-
-
-def _containers() -> dict[str, Variant]:
-    kind = "what else a MAT file holds"
-    cell = np.empty((1, 3), object)
-    cell[0, :] = ["a", np.eye(2), {"x": 1.0}]
-    none = np.zeros((0,), dtype=[("a", object), ("b", object)])
-    rest = {"comment": "bench 4", "cells": cell, "flag": True, "none": np.empty((0, 0)), "count": np.int64(7)}
-    return {
-        "cells, text, flags": Variant(kind, _mat(freq=F, FRF=H, **rest), [H]),
-        "an empty struct array": Variant(kind, _mat(freq=F, FRF=H, info=none), [H]),
-        "sparse beside": Variant(kind, _mat(freq=F, FRF=H, K=scipy.sparse.eye(5).tocsc()), [H]),
-        "within a struct of structs": Variant(
-            kind, _mat(test={"run": {"f": F, "FRF": H}, "by": "AM", "set": {"n": 3.0}}), [H]
-        ),
-        "a column of nan beside": Variant(kind, _mat(freq=F, FRF=H, spare=np.full(256, np.nan)), [H]),
-    }
-
-
-def _side_channels() -> dict[str, Variant]:
-    kind = "another clock or length"
-    slow = RNG.normal(size=5)
+def _with_slow(**how: str) -> Callable[[Path], None]:
+    """Two channels and a third of another rate, as LabVIEW writes them."""
     header = made_files.head(["N", "m/s^2", "C"], [200, 200, 5], step=[1 / RATE, 1 / RATE, 0.5])
-    fast = [("hammer", FORCE, clock("N", 1 / RATE)), ("tip", TIP, clock("m/s^2", 1 / RATE))]
-
-    def with_slow(**how: str) -> Variant:
-        text = made_files.lvm(["hammer", "tip", "temperature"], [TIME, FORCE, TIP, slow], header, **how)
-        return Variant(kind, write_bytes(text), histories=SEEN)
-
-    return {
-        "LVM, a slow third": with_slow(),
-        "LVM, commas": with_slow(separator="Comma"),
-        "LVM, decimal comma": with_slow(decimal=","),
-        "TDMS, a slow group": Variant(
-            kind,
-            write_bytes(made_files.tdms({"fast": fast, "slow": [("temperature", slow, clock("degC", 0.5))]})),
-            histories={**SEEN, "temperature": slow},
-            rates={"temperature": 2.0},
-        ),
-        "MAT, five temperatures": Variant(kind, _mat(fs=RATE, **SEEN, temperature=slow), histories=SEEN),
-        "FRF beside five readings": Variant(kind, _mat(freq=F, FRF=H, temperature=slow), [H]),
-    }
+    return write_bytes(made_files.lvm(["hammer", "tip", "temperature"], [TIME, FORCE, TIP, _SLOW], header, **how))
 
 
-def _matrices() -> dict[str, Variant]:
-    kind = "MATLAB 4, N x 2, N x 3"
-    return {
-        "MATLAB 4, rows": Variant(kind, write_bytes(matlab_4("<", freq=F[None], FRF=H[None])), [H]),
-        "MATLAB 4, big end first, columns": Variant(kind, write_bytes(matlab_4(">", f=F, H=H)), [H]),
-        "MATLAB 4, three columns": Variant(
-            kind,
-            write_bytes(matlab_4("<", data=np.column_stack([F, _PAIR]))),
-            [H],
-            layout={"frequency_hz": "data(:,1)", "real": "data(:,2)", "imaginary": "data(:,3)"},
-        ),
-        "npz, N x 2 beside f": Variant(kind, _npz(f=F, H=_PAIR), [H], layout={"real": "H(:,1)", "imaginary": "H(:,2)"}),
-        "HDF5, 2 x N beside f": Variant(
-            kind, _hdf5(f=F, frf=_PAIR.T), [H], layout={"real": "frf(1,:)", "imaginary": "frf(2,:)"}
-        ),
-        "MAT, 3 x N": Variant(
-            kind,
-            _mat(measured=np.column_stack([F, _PAIR]).T),
-            [H],
-            layout={"frequency_hz": "measured(1,:)", "real": "measured(2,:)", "imaginary": "measured(3,:)"},
-        ),
-        "MAT, lines and a complex FRF": Variant(
-            kind, _mat(FRF=np.column_stack([F, H])), [H], layout={"frequency_hz": "FRF(:,1)", "frf": "FRF(:,2)"}
-        ),
-        "MAT, N x 2 with df": Variant(
-            kind,
-            _mat(H00=_PAIR, df=2.0, f_start=2.0, f_end=512.0),
-            [H],
-            layout={"real": "H00(:,1)", "imaginary": "H00(:,2)"},
-        ),
-    }
+def _table(head: str, *columns: Any, **how: Any) -> Callable[[Path], None]:
+    return write_bytes(_columns(head, *columns, **how))
 
 
-def _complex_text() -> dict[str, Variant]:
-    kind = "complex numbers as text"
-    return {
-        "Python, blanks": Variant(kind, _complex(lambda z: f"({z.real!r}{z.imag:+.17g}j)", "  "), [H]),
-        "MATLAB, three digits": Variant(
-            kind, _complex(lambda z: f"{z.real:.9e} {_sign(z.imag)} {abs(z.imag):.9e}i", ","), [H]
-        ),
-        "e of three digits": Variant(
-            kind,
-            _complex(lambda z: f"{z.real:.12e}{z.imag:+.12e}i".replace("e-0", "e-00").replace("e+0", "e+00"), "\t"),
-            [H],
-        ),
-        "j in front": Variant(kind, _complex(lambda z: f"{z.real!r}{_sign(z.imag)}j{abs(z.imag)!r}", ";"), [H]),
-        "I of SymPy": Variant(kind, _complex(lambda z: f"{z.real!r} {_sign(z.imag)} {abs(z.imag)!r}*I", ","), [H]),
-        "Fortran, names above": Variant(kind, _complex(lambda z: f"({z.real!r},{z.imag!r})", " ", "freq FRF\n"), [H]),
-        "one file of pandas": Variant(
-            kind,
-            write_bytes(
-                _columns(
-                    ",Frequency (Hz),H\n",
-                    np.arange(256),
-                    F,
-                    np.array([f"({z.real!r}{z.imag:+.17g}j)" for z in H.tolist()]),
-                )
-            ),
-            [H],
-        ),
-    }
+def _parts(*paths: str) -> dict[str, str]:
+    """The layout that names real and imaginary part, and the lines where a third path stands before them."""
+    return dict(zip(("frequency_hz", "real", "imaginary")[-len(paths) :], paths, strict=True))
 
 
-def _polar() -> dict[str, Variant]:
-    kind = "magnitude and phase, coherence"
-    radians = np.angle(H)
-    with_c = {"frfs": [H], "coherence": COHERENCE}
-    return {
-        "LVM in m/s^2/N": Variant(kind, _spectrum("m/s^2/N", _SIZE), [H], quantity="accelerance"),
-        "LVM in decibels": Variant(kind, _spectrum("dB", _DB), [H], open_unit=True),
-        "text, decibels": Variant(
-            kind, write_bytes(_columns("Frequency (Hz),FRF (dB),Phase (deg)\n", F, _DB, _DEGREES)), [H], open_unit=True
-        ),
-        "text, amplitude and radians": Variant(
-            kind,
-            write_bytes(_columns("Hz;Amplitude (m/s2/N);Phase (rad)\n", F, _SIZE, radians, sep=";")),
-            [H],
-            quantity="accelerance",
-        ),
-        "phase unwrapped": Variant(
-            kind,
-            write_bytes(_columns("f [Hz],Mag [m/s^2/N],Phase [deg]\n", F, _SIZE, np.degrees(np.unwrap(radians)) - 360)),
-            [H],
-            quantity="accelerance",
-        ),
-        "Coh1 of FRF1": Variant(kind, _mat(f=F, FRF1=H, Coh1=COHERENCE), **with_c),
-        "gamma squared": Variant(
-            kind,
-            write_bytes(_columns("Frequency [Hz],Real [m/s²/N],Imag [m/s²/N],γ²\n", F, H.real, H.imag, COHERENCE)),
-            **with_c,
-        ),
-        "MAT, mag and phase": Variant(kind, _mat(freq=F, mag=_SIZE, phase_deg=_DEGREES), [H]),
-    }
-
-
-def _universal() -> dict[str, Variant]:
-    kind = "universal files"
-    odd = H[:255]
-    text, lines = function_58(H, **_EVEN), {"lines": F[:255]}
-    zeros = function_58(odd, **_EVEN).rstrip("\n").split("\n")
-    zeros[-2] += f"{0.0:20.11E}" * (4 - len(zeros[-2]) // 20)
-    return {
-        "last line of zeros": Variant(
-            kind, write_bytes("\n".join(zeros) + "\n"), [odd], quantity="accelerance", **lines
-        ),
-        "last line of blanks": Variant(
-            kind,
-            write_bytes("\n".join(f"{line:<80}" for line in function_58(odd, **_EVEN).split("\n"))),
-            [odd],
-            **lines,
-        ),
-        "a letter before it": Variant(kind, write_bytes("Analyser 7, run 12\nfor A. Miller\n" + text), [H]),
-        "DOS, Ctrl-Z": Variant(kind, write_bytes(text.replace("\n", "\r\n") + "\x1a"), [H]),
-        "g under an acceleration": Variant(
-            kind, write_bytes(function_58(H / G, units=("Hz", "g", "N"), **_EVEN)), [H], quantity="accelerance"
-        ),
-        "binary, big end first": Variant(
-            kind, write_bytes(binary_58(H, ">", tail=b"\n", **_EVEN)), [H], quantity="accelerance"
-        ),
-        "binary, Ctrl-Z": Variant(
-            kind, write_bytes(binary_58(H, tail=b"\n", **_EVEN) + b"\x1a"), [H], quantity="accelerance"
-        ),
-        "no delimiter at the end": Variant(
-            kind,
-            write_bytes(text.rstrip("\n").removesuffix("    -1")),
-            [H],
-            remedy=("export it again", write_bytes(text)),
-        ),
-    }
-
-
-def _modes() -> dict[str, Variant]:
-    kind = "modes, SEP 5, others"
-    frequency, damping, shape = MODES
-    hammer = {"data": FORCE, "name": "hammer", "unit_str": "N", "fs": RATE}
-    return {
-        "Frequency_Hz and Phi": Variant(
-            kind, _mat(Frequency_Hz=frequency, DampingRatio=damping, Phi=shape), modes=True
-        ),
-        "damping in percent": Variant(
-            kind, _mat(Frequency_Hz=frequency, Damping_percent=100 * damping, Phi=shape), modes=True
-        ),
-        "in a struct": Variant(
-            kind, _mat(Modes={"Frequency_Hz": frequency, "DampingRatio": damping, "Phi": shape}), modes=True
-        ),
-        "names of another program": Variant(
-            kind, _mat(NaturalFrequencies=frequency, DampingRatios=damping, ModeShapes=shape), modes=True
-        ),
-        "names that say little": Variant(
-            kind,
-            _mat(Freq=frequency, Damp=damping, Phi=shape),
-            modes=True,
-            layout={"mode_frequencies_hz": "Freq", "damping_ratios": "Damp", "mode_shapes": "Phi"},
-        ),
-        "npz": Variant(kind, _npz(fn=frequency, zeta=damping, phi=shape), modes=True),
-        "an array of structs": Variant(
-            kind,
-            _mat(
-                Mode=[
-                    {"Frequency_Hz": f, "DampingRatio": d, "Phi": p}
-                    for f, d, p in zip(*MODES[:2], shape.T, strict=True)
-                ]
-            ),
-            modes=True,
-        ),
-        "two clocks, t1 and t2": Variant(
-            kind,
-            _mat(t1=TIME, hammer=FORCE, tip=TIP, t2=TIME[:5] * 64, slow=MODES[2][:, 0].repeat(2)[:5]),
-            histories={**SEEN, "slow": MODES[2][:, 0].repeat(2)[:5]},
-            rates={"slow": RATE / 64},
-        ),
-        "SEP 5": Variant(
-            kind, _mat(signals=[hammer, {**hammer, "data": TIP, "name": "tip", "unit_str": "m/s^2"}]), histories=SEEN
-        ),
-    }
-
-
-_MAKERS = (_si, _two_sided, _containers, _side_channels, _matrices, _complex_text, _polar, _universal, _modes)
-VARIANTS = {f"{v.kind}: {name}": v for make in _MAKERS for name, v in make().items()}
+#: Kind, name: the file, and what is in it.
+ROWS: dict[str, dict[str, tuple[Callable[[Path], None], dict[str, Any]]]] = {
+    "SI under another label": {
+        "g/N, factor and MKS": (_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=MKS)), _ACC),
+        "g/N, factor alone": (_mat(FRF=_test_lab("g/N", H, factor=1 / G, info=None)), _ACC),
+        "g/N, MKS alone": (_mat(FRF=_test_lab("g/N", H, factor=None, info=MKS)), _ACC),
+        "g/N, nothing said": (_mat(FRF=_test_lab("g/N", H, factor=None, info=None)), {**_FRF, "open_unit": True}),
+        "mm/s^2/N with its factor": (_mat(h=_test_lab("mm/s^2/N", H, factor=1e3, info=MKS)), _ACC),
+        "averages of 12": (_mat(FRF=_AVERAGED), {**_ACC, "averages": 12}),
+        "histories": (_mat(hammer=_LBF, tip=_test_lab("g", TIP, factor=1 / G, info=MKS)), {"histories": SEEN}),
+        "label and factor of m/s^2": (_mat(FRF=_test_lab("m/s^2/N", H, factor=1.0, info=MKS)), _ACC),
+    },
+    "two-sided and whole axes": {
+        "zero in the middle": (_mat(freq=_TWO[_ORDER], FRF=_TWO_H[_ORDER]), _HALF),
+        "HDF5, frf named": (_hdf5(frequency=_TWO, frf=_TWO_H), _HALF),
+        "npz, one letter": (_npz(f=_TWO, H=_TWO_H), _HALF),
+        "fs beside, unnamed FRF": (_mat(fs=1024.0, f=_TWO, Zab=_TWO_H), {**_HALF, "layout": {"frf": "Zab"}}),
+        "whole Hz as int16": (_mat(fs=1024.0, freq=F.astype(np.int16), H=H), _FRF),
+        "text, negative lines last": (_table("f [Hz],re [m/N],im [m/N]\n", _TWO, _TWO_H.real, _TWO_H.imag), _HALF),
+        "numbers of lines with df": (
+            _npz(df=2.0, bin=_BINS, FRF=np.r_[0.1, H]), {**_HALF, "layout": {"f_start_hz": "0"}}),
+    },
+    "what else a MAT file holds": {
+        "cells, text, flags": (_mat(freq=F, FRF=H, **_REST), _FRF),
+        "an empty struct array": (_mat(freq=F, FRF=H, info=_NONE), _FRF),
+        "sparse beside": (_mat(freq=F, FRF=H, K=scipy.sparse.eye(5).tocsc()), _FRF),
+        "within a struct of structs": (_mat(test={"run": {"f": F, "FRF": H}, "by": "AM", "set": {"n": 3.0}}), _FRF),
+        "a column of nan beside": (_mat(freq=F, FRF=H, spare=np.full(256, np.nan)), _FRF),
+    },
+    "another clock or length": {
+        "LVM, a slow third": (_with_slow(), {"histories": SEEN}),
+        "LVM, commas": (_with_slow(separator="Comma"), {"histories": SEEN}),
+        "LVM, decimal comma": (_with_slow(decimal=","), {"histories": SEEN}),
+        "TDMS, a slow group": (write_bytes(made_files.tdms(_GROUPS)),
+                               {"histories": {**SEEN, "temperature": _SLOW}, "rates": {"temperature": 2.0}}),
+        "MAT, five temperatures": (_mat(fs=RATE, **SEEN, temperature=_SLOW), {"histories": SEEN}),
+        "FRF beside five readings": (_mat(freq=F, FRF=H, temperature=_SLOW), _FRF),
+    },
+    "MATLAB 4, N x 2, N x 3": {
+        "MATLAB 4, rows": (write_bytes(matlab_4("<", freq=F[None], FRF=H[None])), _FRF),
+        "MATLAB 4, big end first, columns": (write_bytes(matlab_4(">", f=F, H=H)), _FRF),
+        "MATLAB 4, three columns": (write_bytes(matlab_4("<", data=_MEASURED)),
+                                    {**_FRF, "layout": _parts("data(:,1)", "data(:,2)", "data(:,3)")}),
+        "npz, N x 2 beside f": (_npz(f=F, H=_PAIR), {**_FRF, "layout": _parts("H(:,1)", "H(:,2)")}),
+        "HDF5, 2 x N beside f": (_hdf5(f=F, frf=_PAIR.T), {**_FRF, "layout": _parts("frf(1,:)", "frf(2,:)")}),
+        "MAT, 3 x N": (_mat(measured=_MEASURED.T),
+                       {**_FRF, "layout": _parts("measured(1,:)", "measured(2,:)", "measured(3,:)")}),
+        "MAT, lines and a complex FRF": (_mat(FRF=np.column_stack([F, H])),
+                                         {**_FRF, "layout": {"frequency_hz": "FRF(:,1)", "frf": "FRF(:,2)"}}),
+        "MAT, N x 2 with df": (_mat(H00=_PAIR, df=2.0, f_start=2.0, f_end=512.0),
+                               {**_FRF, "layout": _parts("H00(:,1)", "H00(:,2)")}),
+    },
+    "complex numbers as text": {
+        "Python, blanks": (_complex(lambda z: f"({z.real!r}{z.imag:+.17g}j)", "  "), _FRF),
+        "MATLAB, three digits": (
+            _complex(lambda z: f"{z.real:.9e} {_sign(z.imag)} {abs(z.imag):.9e}i", ","), _FRF),
+        "e of three digits": (_complex(
+            lambda z: f"{z.real:.12e}{z.imag:+.12e}i".replace("e-0", "e-00").replace("e+0", "e+00"), "\t"), _FRF),
+        "j in front": (_complex(lambda z: f"{z.real!r}{_sign(z.imag)}j{abs(z.imag)!r}", ";"), _FRF),
+        "I of SymPy": (_complex(lambda z: f"{z.real!r} {_sign(z.imag)} {abs(z.imag)!r}*I", ","), _FRF),
+        "Fortran, names above": (_complex(lambda z: f"({z.real!r},{z.imag!r})", " ", "freq FRF\n"), _FRF),
+        "one file of pandas": (_table(",Frequency (Hz),H\n", np.arange(256), F, _PANDAS), _FRF),
+    },
+    "magnitude and phase, coherence": {
+        "LVM in m/s^2/N": (_spectrum("m/s^2/N", _SIZE), _ACC),
+        "LVM in decibels": (_spectrum("dB", _DB), {**_FRF, "open_unit": True}),
+        "text, decibels": (_table("Frequency (Hz),FRF (dB),Phase (deg)\n", F, _DB, _DEGREES),
+                           {**_FRF, "open_unit": True}),
+        "text, amplitude and radians": (
+            _table("Hz;Amplitude (m/s2/N);Phase (rad)\n", F, _SIZE, np.angle(H), sep=";"), _ACC),
+        "phase unwrapped": (_table(
+            "f [Hz],Mag [m/s^2/N],Phase [deg]\n", F, _SIZE, np.degrees(np.unwrap(np.angle(H))) - 360), _ACC),
+        "Coh1 of FRF1": (_mat(f=F, FRF1=H, Coh1=COHERENCE), {**_FRF, "coherence": COHERENCE}),
+        "gamma squared": (_table("Frequency [Hz],Real [m/s²/N],Imag [m/s²/N],γ²\n", F, H.real, H.imag, COHERENCE),
+                          {**_FRF, "coherence": COHERENCE}),
+        "MAT, mag and phase": (_mat(freq=F, mag=_SIZE, phase_deg=_DEGREES), _FRF),
+    },
+    "universal files": {
+        "last line of zeros": (write_bytes("\n".join(_ZEROS) + "\n"), {**_ACC, "frfs": [_ODD], "lines": F[:255]}),
+        "last line of blanks": (write_bytes("\n".join(f"{line:<80}" for line in _SHORT_58.split("\n"))),
+                                {"frfs": [_ODD], "lines": F[:255]}),
+        "a letter before it": (write_bytes("Analyser 7, run 12\nfor A. Miller\n" + _TEXT_58), _FRF),
+        "DOS, Ctrl-Z": (write_bytes(_TEXT_58.replace("\n", "\r\n") + "\x1a"), _FRF),
+        "g under an acceleration": (write_bytes(function_58(H / G, units=("Hz", "g", "N"), **_EVEN)), _ACC),
+        "binary, big end first": (write_bytes(binary_58(H, ">", tail=b"\n", **_EVEN)), _ACC),
+        "binary, Ctrl-Z": (write_bytes(binary_58(H, tail=b"\n", **_EVEN) + b"\x1a"), _ACC),
+        "no delimiter at the end": (write_bytes(_TEXT_58.rstrip("\n").removesuffix("    -1")),
+                                    {**_FRF, "remedy": ("export it again", write_bytes(_TEXT_58))}),
+    },
+    "modes, SEP 5, others": {
+        "Frequency_Hz and Phi": (_mat(**_TABLE), {"modes": True}),
+        "damping in percent": (_mat(Frequency_Hz=_FN, Damping_percent=100 * _ZETA, Phi=_PHI), {"modes": True}),
+        "in a struct": (_mat(Modes=_TABLE), {"modes": True}),
+        "names of another program": (
+            _mat(NaturalFrequencies=_FN, DampingRatios=_ZETA, ModeShapes=_PHI), {"modes": True}),
+        "names that say little": (_mat(Freq=_FN, Damp=_ZETA, Phi=_PHI), {"modes": True, "layout": {
+            "mode_frequencies_hz": "Freq", "damping_ratios": "Damp", "mode_shapes": "Phi"}}),
+        "npz": (_npz(fn=_FN, zeta=_ZETA, phi=_PHI), {"modes": True}),
+        "an array of structs": (_mat(Mode=_EACH), {"modes": True}),
+        "two clocks, t1 and t2": (_mat(t1=TIME, hammer=FORCE, tip=TIP, t2=TIME[:5] * 64, slow=_LATE),
+                                  {"histories": {**SEEN, "slow": _LATE}, "rates": {"slow": RATE / 64}}),
+        "SEP 5": (_mat(signals=_SEP_5), {"histories": SEEN}),
+    },
+}  # fmt: skip
+VARIANTS = {
+    f"{kind}: {name}": Variant(kind, write, **more)
+    for kind, rows in ROWS.items()
+    for name, (write, more) in rows.items()
+}

@@ -10,6 +10,7 @@ from vibrecords.formats import join_frfs
 from vibrecords.inspection import contents_of_records, resonances_text, with_resonances
 from vibrecords.modal_fit import fit_modes
 from vibrecords.records import FrfRecord
+from vibrecords.warnings.clear_frf import ClearFrf
 from vibrecords.warnings.collector import find_warnings
 
 #: One stretch of 400 lines is 11.
@@ -29,6 +30,16 @@ def test_a_band_ends_where_coherence_is_gone_and_noise_over_the_force_rises():
     # a hole of the force in between belongs to it
     coherence[100:150], noise[100:150] = 0.1, 6.0
     assert driven_lines(coherence, noise) == slice(0, 300)
+
+
+def test_the_first_line_alone_does_not_make_a_stretch():
+    coherence, noise = two_parts(300)
+    coherence[-1] = 0.99
+    assert driven_lines(coherence, noise) == slice(0, 300)
+    assert driven_lines(coherence[::-1], noise[::-1]) == slice(100, COUNT)
+    mobility = np.ones(100, dtype=complex)
+    mobility[0] = 2  # nor the noise
+    assert ClearFrf("1:y", "1:y", "mobility", np.arange(1.0, 101.0), mobility).noise.max() == 0
 
 
 @pytest.mark.parametrize(

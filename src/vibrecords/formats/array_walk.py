@@ -174,18 +174,13 @@ def _axis(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Block, str] 
 
 
 def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
-    """Frequency lines of an array, in Hz, with notes."""
+    """Frequency lines of an array, in Hz, with notes: its axis, or a first line and a step."""
     of_another_size = (axis for role in ("frequency", "omega") for axis in block.named(role, 0))
     holder, axis = _axis(block, name, shape) or (block, next(of_another_size, ""))
-    if not axis:
-        return _counted_lines(block, name, shape)
-    in_rad_s = holder.meanings[axis].role == "omega"
-    unit = "rad/s" if in_rad_s else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
-    return in_hz(holder.numbers(axis).ravel(), unit, holder.where(axis), "correct it")
-
-
-def _counted_lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
-    """Lines from a first one and a step; refused where these are missing."""
+    if axis:
+        in_rad_s = holder.meanings[axis].role == "omega"
+        unit = "rad/s" if in_rad_s else holder.unit_of(axis) or ("kHz" if "khz" in holder.hints(axis) else "Hz")
+        return in_hz(holder.numbers(axis).ravel(), unit, holder.where(axis), "correct it")
     start, step = block.scalar("f_start"), block.scalar("f_step")
     if step is not None and start is not None:
         lines = start + step * np.arange(float(max(shape, default=0)))
@@ -248,11 +243,14 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
             found, expected = f"found shape {arranged.shape}", f"{frf.values.shape} as the FRFs"
             raise MeasurementError.of(block.where(coherence), (), found, expected, "store one coherence for each FRF")
     units, averages = block.units_of(frf.name, len(columns), alone=True), _averages(block)
+    word, own = ", ".join(dict.fromkeys(block.strings("quantity"))).lower(), block.quantity_of(frf.name)
+    if own not in get_args(Quantity) and word:
+        require_one_of(get_args(Quantity), word, block.where("quantity"))
+        own = word
+    stated = cast(Quantity, own) if own in get_args(Quantity) else block.meanings[frf.name].quantity
     for (labels, lines, values, where, notes), of_pair, unit in zip(columns, squared, units, strict=True):
         factor, of_unit, converted = read_frf_unit(unit)
-        own = block.quantity_of(frf.name)
-        stated = cast(Quantity, own) if own in get_args(Quantity) else _quantity(block)
-        quantity = stated or block.meanings[frf.name].quantity or of_unit
+        quantity = stated or of_unit
         if of_unit is not None and quantity != of_unit:
             converted = [*converted, f"{quantity} by name, {of_unit} by its unit: the name was followed"]
         said, si_values = (*notes, *converted), scaled(values, factor)
@@ -294,14 +292,6 @@ def _labels_of_axis(
     return [label] if count == 1 else [f"{label} {i + 1}" for i in range(count)], [note]
 
 
-def _quantity(block: Block) -> Quantity | None:
-    word = ", ".join(dict.fromkeys(block.strings("quantity"))).lower()
-    if not word:
-        return None
-    require_one_of(get_args(Quantity), word, block.where("quantity"))
-    return cast(Quantity, word)
-
-
 def _averages(block: Block) -> int | None:
     if block.get("averages") is None:
         return None
@@ -322,23 +312,6 @@ _MODES = {
 }
 
 
-def _mode_names(block: Block) -> dict[str, str]:
-    """Names of what modes are made of: as the user or pyOMA names them, or other programs where there is no FRF.
-
-    A frequency axis is none of modes, unless as many damping ratios stand next to it.
-    """
-    names: dict[str, str] = {}
-    for key, (own, pattern) in _MODES.items():
-        stated = next((n for n in (own, key) if size_of(block.get(n))), "")
-        alike = [n for n in block.arrays if re.fullmatch(pattern, n, re.IGNORECASE) and not block.named("frf")]
-        if stated or len(alike) == 1:
-            names[key] = stated or alike[0]
-    axes, ratios = block.named("frequency", 1), size_of(block.get(names.get("xi", "")))
-    if "fn" not in names and len(axes) == 1 and ratios == size_of(block.get(axes[0])) > 0:
-        names["fn"] = axes[0]
-    return names
-
-
 def mode_records(block: Block) -> Iterator[ModeRecord]:
     """Modes of a block: frequencies ``Fn``, Hz, ratios ``Xi``, shapes ``Phi`` (channels x modes), as pyOMA has them.
 
@@ -347,9 +320,20 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
     MeasurementError
         If a frequency is none, or shapes do not agree.
     """
-    names = _mode_names(block)
+    # 1. names, as the user or pyOMA gives them, or other programs where there is no FRF
+    names: dict[str, str] = {}
+    for key, (own, pattern) in _MODES.items():
+        stated = next((n for n in (own, key) if size_of(block.get(n))), "")
+        alike = [n for n in block.arrays if re.fullmatch(pattern, n, re.IGNORECASE) and not block.named("frf")]
+        if stated or len(alike) == 1:
+            names[key] = stated or alike[0]
+    # a frequency axis is none of modes, unless as many damping ratios stand next to it
+    axes, ratios = block.named("frequency", 1), size_of(block.get(names.get("xi", "")))
+    if "fn" not in names and len(axes) == 1 and ratios == size_of(block.get(axes[0])) > 0:
+        names["fn"] = axes[0]
     if "fn" not in names:
         return
+    # 2. numbers, one of each for each mode
     of_modes = {key: block.numbers(name).ravel() for key, name in names.items() if key != "phi"}
     frequency, notes, where = of_modes["fn"], [], block.where(names["fn"])
     if re.search(r"(?i)perc|pct|prozent", names.get("xi", "")):
@@ -367,6 +351,7 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         raise MeasurementError.of(where, (), found, f"one of each for each of {count} modes, channels x modes", remedy)
     if not ((frequency >= 0) & (frequency <= HIGHEST_HZ)).all():
         raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
+    # 3. what is not taken, and the records
     doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.name_of(key.lower())]
     notes += [f"{key} not taken: a variance or a relative one" for key in doubtful]
     dampings = [n for n in block.arrays if "xi" not in names and "damp" in n.lower()]
@@ -428,9 +413,13 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
     if answers and not {*layout} & ({*_DATA} - {*answers}):  # alone they say the unit of the phases, and nothing else
         for key, path in answers.items():
             holder, name = _holders(blocks, key, path)[0]
-            if holder.meanings[name].role == "phase":
-                blocks = [_with_phase_unit(block, key.removeprefix("phase_")) for block in blocks]
-                layout = {other: path for other, path in layout.items() if other != key}
+            if holder.meanings[name].role != "phase":
+                continue
+            layout = {other: path for other, path in layout.items() if other != key}
+            for i, block in enumerate(blocks):
+                open_ = [n for n in block.named("phase") if not block.hints(n) & {"deg", "rad"}]
+                stated = {f"{n}_unit": np.array(key.removeprefix("phase_")) for n in open_}
+                blocks[i] = replace(block, arrays={**block.arrays, **stated})
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
     records = [*_records(used)]
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
@@ -471,22 +460,6 @@ def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str,
                 yield from _blocks(element, f"{position}{sign}", block, sign, label=position)
 
 
-def _with_phase_unit(block: Block, unit: str) -> Block:
-    """A block whose phases without a unit have this one."""
-    open_ = [name for name in block.named("phase") if not block.hints(name) & {"deg", "rad"}]
-    return replace(block, arrays={**block.arrays, **{f"{name}_unit": np.array(unit) for name in open_}})
-
-
-def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
-    """Structs that describe themselves under our own names, in place of what is within them; the others as they are."""
-    outer: str | None = None  # what is within a struct follows it
-    for block in blocks:
-        if outer is None or not block.place.startswith(outer):
-            described = _expand(block)
-            outer = None if described is None else block.place
-            yield from _dewesoft(block) if described is None else described
-
-
 def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[str, dict[str, Any]]]:
     for i, value in enumerate(values):
         position = f"{place}{brackets[0]}{i + 1}{brackets[1]}"
@@ -507,22 +480,29 @@ def _elements(values: list[Any], place: str, brackets: str) -> Iterator[tuple[st
 _SEP_5 = {"samples": "data", "channels": "name", "units": "unit_str", "sample_rate_hz": "fs", "time": "time"}
 
 
-def _expand(block: Block) -> Iterator[Block] | None:
-    """Columns of a struct that describes itself, each as a block of our own names; None of another struct.
+def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
+    """Columns of structs that describe themselves, each as a block of our own names; the others as they are.
 
     Raises
     ------
     MeasurementError
-        On iteration, if its parts contradict each other, or it may be of time or of frequency.
+        If parts of a struct contradict each other, or it may be of time or of frequency.
     """
-    if isinstance(block.get("x_values"), dict) and isinstance(block.get("y_values"), dict):
-        return _test_lab(block)
-    if {"data", "name", "unit_str"} <= block.arrays.keys() and not {"fs", "time"}.isdisjoint(block.arrays):
-        arrays = {ours: block.arrays[theirs] for ours, theirs in _SEP_5.items() if theirs in block.arrays}
-        return iter([Block(arrays, written={"samples": f"{block.place}data"})])
-    if isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
-        return _polytec(block)
-    return None
+    outer: str | None = None  # what is within a struct follows it
+    for block in blocks:
+        if outer is not None and block.place.startswith(outer):
+            continue
+        outer = block.place
+        if isinstance(block.get("x_values"), dict) and isinstance(block.get("y_values"), dict):
+            yield from _test_lab(block)
+        elif {"data", "name", "unit_str"} <= block.arrays.keys() and not {"fs", "time"}.isdisjoint(block.arrays):
+            arrays = {ours: block.arrays[theirs] for ours, theirs in _SEP_5.items() if theirs in block.arrays}
+            yield Block(arrays, written={"samples": f"{block.place}data"})
+        elif isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
+            yield from _polytec(block)
+        else:
+            outer = None
+            yield from _dewesoft(block)
 
 
 _DEWESOFT_DOF = r"(\d+R?[XYZ](?:plus|minus))"
@@ -575,7 +555,14 @@ def _test_lab(block: Block) -> Iterator[Block]:
     x, y, about = (_struct(block, key) for key in ("x_values", "y_values", "function_record"))
     values = y.numbers("values", np.complex128)
     values = values.reshape(-1, 1) if values.ndim != 2 or len(values) == 1 else values
-    axis = x.numbers("values").ravel() if size_of(x.get("values")) > 1 else _even_axis(x, len(values))
+    if size_of(x.get("values")) > 1:
+        axis = x.numbers("values").ravel()
+    else:
+        start, step, stated = (x.scalar(key) for key in ("start_value", "increment", "number_of_values"))
+        if start is None or step is None or not (np.isfinite([start, step]).all() and step > 0):
+            found, expected = f"found steps of {step} from {start}", "'start_value' and a step above 0"
+            raise MeasurementError.of(x.where("increment"), (), found, expected)
+        axis = start + step * np.arange(float(len(values)) if stated is None or not 0 <= stated <= 1e9 else stated)
     if axis.size != len(values):
         raise MeasurementError(f"{y.where('values')}: found {len(values)} values; expected {axis.size}, as on the axis")
     struct = block.place.rstrip("./").rpartition(".")[2]
@@ -590,9 +577,9 @@ def _test_lab(block: Block) -> Iterator[Block]:
     labels = zip(outputs, inputs if len(inputs) == count else ["input 1"] * count, strict=True)
     unit, notes = _stored_unit(_struct(y, "quantity"))
     units, averages = (_struct(x, "quantity").string("label"), unit), _struct(about, "average").scalar("nr_of_averages")
-    stated = {"averages": np.array(averages)} if averages else {}
+    of_all = {"averages": np.array(averages)} if averages else {}
     for column in _columns(block, "y_values.values", (axis, values), units, kind, labels):
-        yield Block({**column.arrays, **stated}, written=column.written, notes=notes)
+        yield Block({**column.arrays, **of_all}, written=column.written, notes=notes)
 
 
 def _stored_unit(quantity: Block) -> tuple[str, tuple[str, ...]]:
@@ -615,14 +602,6 @@ def _in_doubt(label: str, why: str) -> str:
     """A label whose sides other than SI are no unit any more, so that a case asks for them."""
     sides = [(side, parse_unit(side)) for side in sides_of(label) if side]
     return "/".join(side if unit and unit.factor == 1 else f"{side} ({why})" for side, unit in sides)
-
-
-def _even_axis(x: Block, count: int) -> Array:
-    start, step, stated = (x.scalar(key) for key in ("start_value", "increment", "number_of_values"))
-    if start is None or step is None or not (np.isfinite([start, step]).all() and step > 0):
-        found, expected = f"found steps of {step} from {start}", "'start_value' and a step above 0"
-        raise MeasurementError.of(x.where("increment"), (), found, expected)
-    return start + step * np.arange(float(count) if stated is None or not 0 <= stated <= 1e9 else stated)
 
 
 def _labels(about: Block, key: str) -> list[str]:
@@ -721,7 +700,7 @@ def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]
         found = [entry for entry, p in zip(entries, written, strict=True) if p == name]
         if found:
             return found
-    if key in _NUMBERS and _number(path) is not None:
+    if key in _NUMBERS and (number := float_of(path)) is not None and np.isfinite(number):
         return [(blocks[0], "")]
     near = difflib.get_close_matches(name[:100], paths[:5000], 1, 0.6)
     listed = ", ".join(f"'{p[:60]}'" for p in paths[:_MOST_LISTED]) + (" …" if len(paths) > _MOST_LISTED else "")
@@ -732,16 +711,11 @@ def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]
 _COLUMN = re.compile(r"\((?:(?P<row>\d{1,6}(?::\d{1,6})?), *:|:, *(?P<column>\d{1,6}(?::\d{1,6})?))\)$")
 
 
-def _number(text: str) -> float | None:
-    number = float_of(text)
-    return number if number is not None and np.isfinite(number) else None
-
-
 def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
     """What a path means, and how to write it."""
     block, name = held
     if not name:
-        return np.array(_number(path)), path
+        return np.array(float_of(path)), path
     value, match, where = block.get(name), _COLUMN.search(path), f"{block.place}{name}"
     if match is None:
         return value, where

@@ -99,7 +99,15 @@ def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str]
             rows = itertools.chain([first], lines)
         else:
             segment = _segment_header(first, lines, layout)
-            names = _names(segment, lines, layout)
+            number, line = next(lines, (segment.line, ""))
+            names = [name.strip() for name in line.split(layout["separator"])]
+            if names[0].lower() != "x_value":
+                found, expected = f"found {line[:30]!r}", "the names of columns, X_Value first"
+                raise MeasurementError.of(f"line {number}", (), found, expected)
+            while names[-1].lower() in ("", "comment"):
+                names.pop()
+            require_at_most(MOST_COLUMNS, len(names), f"line {number}", "columns", "split the file")
+            require_short(f"line {number}", *names)
         values, gaps = read_rows(_split_rows(rows, layout, len(names)), len(names))
         if not len(values):
             found, expected = "found no row of numbers in the segment", "the samples"
@@ -134,18 +142,6 @@ def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _S
             break
     found, expected = "found no end of the segment's header", _END
     raise MeasurementError.of(f"line {segment.line}", (), found, expected, "the file is cut off, export again")
-
-
-def _names(segment: _Segment, lines: Lines, layout: _Layout) -> list[str]:
-    number, line = next(lines, (segment.line, ""))
-    names = [name.strip() for name in line.split(layout["separator"])]
-    if not names or names[0].lower() != "x_value":
-        raise MeasurementError(f"line {number}: found {line[:30]!r}; expected the names of columns, X_Value first")
-    while names and (not names[-1] or names[-1].lower() == "comment"):
-        names.pop()
-    require_at_most(MOST_COLUMNS, len(names), f"line {number}", "columns", "split the file")
-    require_short(f"line {number}", *names)
-    return names
 
 
 def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int, list[str]]]:

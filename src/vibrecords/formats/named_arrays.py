@@ -333,7 +333,7 @@ def time_records(block: Block) -> Iterator[TimeRecord]:
     left = block.unread(*(block.name_of(name) or name for name, _ in arrays))
     for name, samples in arrays:
         rate, notes = _rate(block, name, len(samples))
-        histories = _of_samples(block, samples.shape[1]) if whole else _of_array(block, name, samples.shape[1])
+        histories = _histories_of(block, name, samples.shape[1])
         for (channel, unit, word, hit), values in zip(histories, samples.T, strict=True):
             if word:
                 require_one_of(get_args(SensorQuantity), word, block.where("quantities"))
@@ -361,8 +361,8 @@ def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
             yield name, samples
 
 
-def _of_array(block: Block, name: str, count: int) -> list[_History]:
-    """The columns of an array over time: hits of a sensor, or channels."""
+def _histories_of(block: Block, name: str, count: int) -> list[_History]:
+    """The columns of an array over time: hits of a sensor, channels, or of `samples` what the lists with it say."""
     small, units, several = name.lower(), block.units_of(name, count), count > 1
     if small in SENSORS:
         word = small if small != "response" else block.quantity_of(name)
@@ -370,13 +370,10 @@ def _of_array(block: Block, name: str, count: int) -> list[_History]:
     label, word = re.sub(r"(?i)^time_chan_(\d+)$", r"channel \1", name), block.quantity_of(name)
     if small in ("data", "values", "value") and block.place:  # of a struct or group for each channel
         label = re.split(r"[./]", block.place)[-2]
-    return [(f"{label} {i + 1}" if several else label, unit, word, None) for i, unit in enumerate(units)]
-
-
-def _of_samples(block: Block, count: int) -> list[_History]:
-    """The columns of `samples`, by the lists that go with them."""
+    if name != "samples":
+        return [(f"{label} {i + 1}" if several else label, unit, word, None) for i, unit in enumerate(units)]
     channels = block.strings("channels") or [f"channel {i + 1}" for i in range(count)]
-    units, words = block.units_of("samples", count, alone=True), block.strings("quantities") or [""] * count
+    units, words = block.units_of(name, count, alone=True), block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.name_of("hits") else np.zeros(count)
     if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
         found, expected = f"found {hits[:3].tolist()}", "whole numbers from 1, 0 for none"

@@ -281,7 +281,13 @@ def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[
     Columns of an FRF's unit or in decibels go to as many phases that have no magnitude: FRF (dB), phase.
     """
     phases = [i for i in numbers if columns[i].role == "phase"]
-    levels = [i for i in numbers if columns[i].role in ("other", "spectrum") and _may_be_magnitude(columns[i])]
+    levels = []
+    for i in (i for i in numbers if columns[i].role in ("other", "spectrum")):
+        header, unit = columns[i].header, columns[i].unit
+        if headers.names_spectrum(header):
+            continue
+        if re.fullmatch(r"\|[^|]+\|", header) or unit.lower().startswith("db") or read_frf_unit(unit)[1]:
+            levels.append(i)
     if not levels and any(column.role == "spectrum" for column in columns):  # phases of cross spectra
         for i in phases if not any(columns[i].role == "magnitude" for i in numbers) else ():
             columns[i] = replace(columns[i], role="other")
@@ -316,13 +322,6 @@ def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[
             expected = "real and imaginary, or magnitude and phase"
             raise MeasurementError(f"{found}; expected {expected}; complete the columns")
     return frfs
-
-
-def _may_be_magnitude(column: Column) -> bool:
-    if headers.names_spectrum(column.header):
-        return False
-    in_bars = re.fullmatch(r"\|[^|]+\|", column.header)
-    return bool(in_bars) or column.unit.lower().startswith("db") or read_frf_unit(column.unit)[1] is not None
 
 
 def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:

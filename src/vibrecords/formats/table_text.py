@@ -115,9 +115,11 @@ def column_of(header: str) -> Column:
         rest = name[: match.start()].rstrip(" _.,-")
     if match:
         role = cast(Role, (match.lastgroup or "").rstrip("_"))
-        if not unit and _is_unit_of(role, rest):  # frequency_hz, phase_deg
+        of_value = {"phase": ("deg", "rad"), "magnitude": ("db",)}.get(role, ())
+        is_axis = role in ("frequency", "time")
+        if not unit and (rest.lower() in of_value or (is_axis and axis_role(rest.replace("_", "/")) == role)):
             rest, unit = "", rest.replace("_", "/")
-        if not (role in ("frequency", "time") and len(match[0]) == 1 and unit and axis_role(unit) != role):  # f [N]
+        if not (is_axis and len(match[0]) == 1 and unit and axis_role(unit) != role):  # f [N]
             rest = rest[1:-1] if rest[:1] == "(" and rest[-1] == ")" else rest
             if role == "coherence" and re.fullmatch(r"[(|]?(?:gamma|γ)[)|]?(?:2|²|\^2)?", rest, re.IGNORECASE):
                 rest, unit = "", rest
@@ -154,12 +156,6 @@ def _name_and_unit(header: str) -> tuple[str, str]:
         if axis_role(unit) or read_sensor_unit(unit)[1] is not None:
             return name, unit
     return header, ""
-
-
-def _is_unit_of(role: Role, word: str) -> bool:
-    if role in ("phase", "magnitude"):
-        return word.lower() in (("deg", "rad") if role == "phase" else ("db",))
-    return role in ("frequency", "time") and axis_role(word.replace("_", "/")) == role
 
 
 def describe(columns: Sequence[Column], numbers: Sequence[int] | None = None) -> str:
@@ -410,9 +406,12 @@ def read_text_table(lines: Lines) -> ColumnTable:
     if head and first[0][1].rstrip(" ").endswith(delimiter) and len(_fields(head[-1].text, delimiter)) == count + 1:
         count += 1  # the last column begins empty
     require_at_most(MOST_COLUMNS, count, f"line {first[0][0]}", "columns", "split the file")
-    if head and (halves := _numbers_and_words(head[-1].text, delimiter, count)):
-        first.insert(0, (head[-1].number, halves[0]))
-        header = halves[1]
+    # the first row of a CutPro file, behind whose numbers name and unit of each column stand
+    fields = [field.strip() for field in _fields(head[-1].text, delimiter)] if head else []
+    if len(fields) == 3 * count and all(_NUMBER.fullmatch(f) for f in fields[:count]):
+        first.insert(0, (head[-1].number, delimiter.join(fields[:count])))
+        units = ["" if column_of(unit).role in FRF_ROLES else unit for unit in fields[count + 1 :: 2]]
+        header = tuple(map(_with_unit, fields[count::2], units))
     else:
         header = _header(head, delimiter, count - len(pairs), comments)
     values, gaps = _numbers(itertools.chain(first, lines), delimiter, count)
@@ -542,16 +541,6 @@ def _fields(line: str, delimiter: str) -> list[str]:
     fields = line.split() if delimiter == " " else line.split(delimiter)
     # a delimiter at the end of each row is common, and stands for nothing
     return fields[:-1] if len(fields) > 1 and not fields[-1].strip() else fields
-
-
-def _numbers_and_words(text: str, delimiter: str, count: int) -> tuple[str, tuple[str, ...]] | None:
-    """The first row of a CutPro file, behind whose numbers name and unit of each column stand."""
-    fields = [field.strip() for field in _fields(text, delimiter)]
-    words = fields[count:]
-    if len(words) != 2 * count or not all(_NUMBER.fullmatch(f) for f in fields[:count]):
-        return None
-    units = ["" if column_of(unit).role in FRF_ROLES else unit for unit in words[1::2]]
-    return delimiter.join(fields[:count]), tuple(map(_with_unit, words[::2], units))
 
 
 def _with_unit(name: str, unit: str) -> str:

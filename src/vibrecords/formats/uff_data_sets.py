@@ -187,8 +187,18 @@ def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
     ids = tuple(line.strip() for line in lines[:5])
     dofs = Dof(_entity(entities[0]), dof[0], dof[1]), Dof(_entity(entities[1]), dof[2], dof[3])
     axes = _axis(lines, 7), _axis(lines, 8), _axis(lines, 9)
-    even, (order, size) = spacing == 1, _binary(binary)
-    return FunctionHeader(ids, function, *dofs, ordinate, count, even, minimum, increment, *axes, order, size)
+    order, size = 0, 0
+    if binary is not None:
+        text = binary.decode("ascii", errors="replace")
+        fields = (text[7:13].strip(), text[13:19].strip(), text[19:31].strip(), text[31:43].strip())
+        if not all(re.fullmatch(r"\d*", field) for field in fields):
+            raise LineError(0, f"found {text.strip()[:40]!r} as binary header; expected numbers; export it again")
+        order, floating, _, size = (int(field or 0) for field in fields)
+        if order not in (1, 2) or floating not in (0, 2):
+            found = f"found byte order {order} and floating-point format {floating}"
+            raise LineError(0, f"{found}; expected 1 or 2, and 2 (IEEE 754); export as IEEE numbers or as text")
+    even, mark = spacing == 1, ("", "<", ">")[order]
+    return FunctionHeader(ids, function, *dofs, ordinate, count, even, minimum, increment, *axes, mark, size)
 
 
 def _fields(lines: list[str], line: int, columns: tuple[tuple[int, int], ...]) -> list[int]:
@@ -222,20 +232,6 @@ def _axis(lines: list[str], line: int) -> Axis:
 def _entity(text: str) -> str:
     text = text.strip()
     return "" if text.upper() == "NONE" else text
-
-
-def _binary(line: bytes | None) -> tuple[str, int]:
-    if line is None:
-        return "", 0
-    text = line.decode("ascii", errors="replace")
-    fields = (text[7:13].strip(), text[13:19].strip(), text[19:31].strip(), text[31:43].strip())
-    if not all(re.fullmatch(r"\d*", field) for field in fields):
-        raise LineError(0, f"found {text.strip()[:40]!r} as binary header; expected numbers; export it again")
-    order, form, _, stated_bytes = (int(field or 0) for field in fields)
-    if order not in (1, 2) or form not in (0, 2):
-        found = f"found byte order {order} and floating-point format {form}"
-        raise LineError(0, f"{found}; expected 1 or 2, and 2 (IEEE 754); export as IEEE numbers or as text")
-    return "<" if order == 1 else ">", stated_bytes
 
 
 _CHUNK = 1 << 16
@@ -420,18 +416,16 @@ def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Ar
     LineError
         If a field is not a number, or there are more or fewer than the header says.
     """
-    numbers = _binary_values(header, b"".join(body)) if header.byte_order else _text(header, body, size)
+    if header.byte_order:
+        rows = np.frombuffer(b"".join(body), header.row)
+        numbers = rows["y"].astype(float) if header.even else np.hstack([rows["x"], rows["y"].astype(float)])
+    else:
+        numbers = _text(header, body, size)
     numbers = numbers.reshape(header.count, header.per_value)
     abscissa = even_abscissa(header) if header.even else numbers[:, 0].copy()
     ordinate = np.ascontiguousarray(numbers[:, 0 if header.even else 1 :])
     # not a + 1j·b, which turns an infinite part into NaN and loses the sign of a zero
     return abscissa, ordinate.view(complex)[:, 0] if header.is_complex else ordinate[:, 0]
-
-
-def _binary_values(header: FunctionHeader, body: bytes) -> Array:
-    rows = np.frombuffer(body, header.row)
-    numbers = rows["y"].astype(float)
-    return numbers if header.even else np.hstack([rows["x"], numbers])
 
 
 def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
@@ -567,16 +561,6 @@ def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | No
     if header.numerator.kind in (9, 13) and header.denominator.kind in _QUANTITIES:
         read[2].append("axis types say force over motion: the inverse of an FRF")
     return _meaning(unit, read, named, units.length / units.force, units)
-
-
-def sensor_meaning(header: FunctionHeader, units: FileUnits) -> tuple[SensorQuantity, float | None, str, list[str]]:
-    """Quantity, factor to SI (None where not known), unit as written and notes of a time response."""
-    axis = header.numerator
-    named: SensorQuantity | None = _SENSORS.get(axis.kind)
-    of_file = units.force if named == "force" else units.length
-    quantity: SensorQuantity | None
-    quantity, factor, unit, notes = _meaning(axis.unit, read_sensor_unit(axis.unit), named, of_file, units)
-    return quantity or "unknown", factor, unit, notes
 
 
 def _meaning(
@@ -939,7 +923,11 @@ def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int |
     instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
     exact, place = float_of(header.said("sample_rate_hz=")), f"data set {data_set.number}"
     rate = even_rate(np.asarray(instants * scale, dtype=float), place, exact)
-    quantity, factor, unit, notes = sensor_meaning(header, source.units_of(data_set))
+    axis, units = header.numerator, source.units_of(data_set)
+    named: SensorQuantity | None = _SENSORS.get(axis.kind)
+    of_file = units.force if named == "force" else units.length
+    quantity: SensorQuantity | None
+    quantity, factor, unit, notes = _meaning(axis.unit, read_sensor_unit(axis.unit), named, of_file, units)
     values, hit = scaled(ordinate.real, factor), header.said("hit ")
     nth = int(hit) if re.fullmatch(r"\d{1,9}", hit) else nth
-    return TimeRecord(channel, rate, values, quantity, unit, nth, place, tuple(notes), factor)
+    return TimeRecord(channel, rate, values, quantity or "unknown", unit, nth, place, tuple(notes), factor)

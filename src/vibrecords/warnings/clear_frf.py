@@ -108,7 +108,8 @@ class ClearFrf:
         """Rough standard deviation of the noise by line, from third differences; too large rather than too small."""
         # Σ of squares of 1, 3, 3, 1 is 20; the median of an exponential distribution is ln 2 times its mean
         square = np.abs(np.diff(self.mobility, 3)) ** 2 / (20 * np.log(2))
-        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="nearest")
+        # mirrored at the ends, because the first line if repeated would alone set the noise there
+        local = scipy.ndimage.median_filter(square, size=min(41, square.size), mode="reflect")
         return np.asarray(np.sqrt(np.concatenate([local[:1], local[:1], local, local[-1:]])))
 
     @cached_property
