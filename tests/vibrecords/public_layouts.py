@@ -99,23 +99,21 @@ ROUNDED = np.round(1000 * FORCE) / 1000
 _AT_1 = {"1+Z:1:Z+": TIP}
 _UNEVEN = {"histories": {"AP:0:S": SHORT}, "rates": {"AP:0:S": 1000.0}}
 LAYOUTS = {
-    "pyuff 22": Variant("UFF", write_bytes(_pairs_filled_with_zeros()), [FRF], lines=LINES, open_unit=True),
-    "pyuff 29": Variant(
-        "UFF", write_bytes(_blanks_and_long_exponents()), histories={"0:S": SHORT}, rates={"0:S": 20000.0}
+    "pyuff 22": Variant(write_bytes(_pairs_filled_with_zeros()), [FRF], lines=LINES, open_unit=True),
+    "pyuff 29": Variant(write_bytes(_blanks_and_long_exponents()), histories={"0:S": SHORT}, rates={"0:S": 20000.0}
     ),
-    "pyuff 21": Variant("UFF", write_bytes(_name_too_long()), [FRF / G], lines=LINES, open_unit=True),
-    "pyuff 38": Variant("UFF", write_bytes(binary_58(TIP, tail=b"\n", **_MPS)), histories=_AT_1),
-    "pyuff 61": Variant("UFF", write_bytes(binary_58(TIP, single=True, **_MPS)), histories=_AT_1),
-    "pyuff 88": Variant("UFF", write_bytes(binary_58(TIP, newline="\r\n", tail=b"\r\n", **_MPS)), histories=_AT_1),
-    "pyuff 52": Variant("UFF", write_bytes(_uneven_real_double(20)), **_UNEVEN),
-    "pyuff 107": Variant("UFF", write_bytes(_uneven_real_double(13)), **_UNEVEN),
-    "pyuff 84, sdynpy 13": Variant("UFF", write_bytes("".join(map(_mode, range(3)))), modes=True),
+    "pyuff 21": Variant(write_bytes(_name_too_long()), [FRF / G], lines=LINES, open_unit=True),
+    "pyuff 38": Variant(write_bytes(binary_58(TIP, tail=b"\n", **_MPS)), histories=_AT_1),
+    "pyuff 61": Variant(write_bytes(binary_58(TIP, single=True, **_MPS)), histories=_AT_1),
+    "pyuff 88": Variant(write_bytes(binary_58(TIP, newline="\r\n", tail=b"\r\n", **_MPS)), histories=_AT_1),
+    "pyuff 52": Variant(write_bytes(_uneven_real_double(20)), **_UNEVEN),
+    "pyuff 107": Variant(write_bytes(_uneven_real_double(13)), **_UNEVEN),
+    "pyuff 84, sdynpy 13": Variant(write_bytes("".join(map(_mode, range(3)))), modes=True),
     "lvm_read 4 and 5": Variant(
-        "LVM", write_bytes(_empty_fields()), histories={"Dev0/Ai0": FORCE, "Dev0/Ai2": TIP, "Dev0/Ai0 1": FORCE}
-    ),
-    "lvm_read 10": Variant("LVM", write_bytes(_multi_columns(stated=True)), histories=SEEN),
-    "lvm_read, no decimal sign": Variant("LVM", write_bytes(_multi_columns(stated=False)), histories=SEEN),
-    "lvm_read 14": Variant("LVM", write_bytes(_commas()), histories=SEEN),
-    "npTDMS 64": Variant("TDMS", write_bytes(_scaled(0.001)), histories={"hammer": ROUNDED}),
-    "npTDMS 120": Variant("TDMS", write_bytes(_scaled(0.001, 2.0)), histories={"hammer": 2 * ROUNDED}),
+        write_bytes(_empty_fields()), histories={"Dev0/Ai0": FORCE, "Dev0/Ai2": TIP, "Dev0/Ai0 1": FORCE}),
+    "lvm_read 10": Variant(write_bytes(_multi_columns(stated=True)), histories=SEEN),
+    "lvm_read, no decimal sign": Variant(write_bytes(_multi_columns(stated=False)), histories=SEEN),
+    "lvm_read 14": Variant(write_bytes(_commas()), histories=SEEN),
+    "npTDMS 64": Variant(write_bytes(_scaled(0.001)), histories={"hammer": ROUNDED}),
+    "npTDMS 120": Variant(write_bytes(_scaled(0.001, 2.0)), histories={"hammer": 2 * ROUNDED}),
 }  # fmt: skip
