@@ -92,9 +92,9 @@ def written(folder, name, base, text):
 
 @pytest.mark.parametrize("text", blocks("toml"))
 def test_every_block_of_toml_is_a_case_or_a_part_of_one(text, tmp_path, request):
-    for shipped in [*(ROOT / "configs").glob("*.toml"), ROOT / "src" / "jointbayes" / "cli" / "minimal.toml"]:
+    for shipped in [*(ROOT / "configs").glob("*.toml"), ROOT / "src" / "jointbayes" / "cli" / "clamp.toml"]:
         (tmp_path / shipped.name).write_bytes(shipped.read_bytes())
-    written(tmp_path, "around.toml", "minimal.toml", AROUND.get(request.node.callspec.id, ""))
+    written(tmp_path, "around.toml", "clamp.toml", AROUND.get(request.node.callspec.id, ""))
     written(tmp_path, "block.toml", "around.toml", text)
     source = read_case_text(tmp_path / "block.toml")
     assert parse_tests(source)

@@ -23,7 +23,7 @@ ROOMS = {
     "sampling": (1300, 2170),
     "posterior": (3700, 4990),
     "studies": (1700, 1650),
-    "case": (4000, 4780),
+    "case": (4000, 4980),
     "report": (2900, 3540),
     "cli and what stands alone": (1400, 1760),
 }

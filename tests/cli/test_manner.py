@@ -18,7 +18,7 @@ from jointbayes.cli.commands import main
 from jointbayes.cli.output import LONGEST, fail, shortened, source_lines
 from tests.conftest import CONFIGS, cheap_text, cli, edited, plain_reports, without_stages
 
-MINIMAL = CONFIGS.parent / "src" / "jointbayes" / "cli" / "minimal.toml"
+MINIMAL = CONFIGS.parent / "src" / "jointbayes" / "cli" / "clamp.toml"
 SHIPPED = [*sorted(CONFIGS.glob("*.toml")), MINIMAL]
 COMMANDS = sorted(main.commands)
 

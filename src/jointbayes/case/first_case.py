@@ -1,9 +1,10 @@
 """A first case from measurement files: all that they tell, and a question mark where only the user knows."""
 
+import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,9 +13,11 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from jointbayes.case.first_model import FirstModel, files_of_model
 from jointbayes.case.toml_text import toml_text, toml_value
 from jointbayes.errors import MeasurementError
 from jointbayes.inference.workshop import WORKSHOP_SD_PERCENT
+from jointbayes.structure.imported.read import UNITS
 from vibrecords import FrfSet
 from vibrecords.errors import printable
 from vibrecords.formats.about import about_file
@@ -32,9 +35,13 @@ from vibrecords.warnings.collector import find_warnings
 _FITTED = 3
 _STRUCTURE = (
     'structure = { length_mm = "?", section = { shape = "circle", diameter_mm = "?" }, youngs_modulus_gpa = 210.0, '
-    "density_kg_m3 = 7800.0%s }"
+    "density_kg_m3 = 7800.0%s%s }"
 )
-_DAMPING = ', damping = { law = "modal", ratio = %s }'
+_DAMPING = 'damping = { law = "modal", ratio = %s }'
+_WHERE = (
+    '# 3. Where were sensor and hammer? Node and direction of each: "11:y" is the end; "-11:y" if it points the\n'
+    "#    other way. A channel that is not used may be taken out."
+)
 #: A band that begins so far below its first resonance holds the first mode: a clamped beam has its second at six times.
 _FIRST_MODE = 5.0
 #: What a channel of a file without units is called that is a force.
@@ -83,25 +90,39 @@ class _Content:
             self.frfs.append(record)
 
 
-def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, str] | None = None) -> str:
-    """Text of a case with what measurement files tell; where only the user knows there is ``"?"``.
+def propose_case(
+    files: Sequence[Path], directory: Path, layout: Mapping[str, str] | None = None, example: str = ""
+) -> str:
+    """Return the text of a case with what measurement files tell; where only the user knows there is ``"?"``.
 
     Parameters
     ----------
     files
-        FRFs, time histories of a hammer or a shaker, or modes of a modal test.
+        FRFs, time histories of a hammer or a shaker, or modes of a modal test; with them the files of a finite-element
+        model, which then is the structure.
     directory
         Of the case file, from which names of files count.
     layout
         As `iter_records` takes it.
+    example
+        Text of a case whose structure and joints are to be taken; without it the structure is a straight beam.
 
     Raises
     ------
     MeasurementError
         If a file cannot be read, lies outside of the directory, or holds nothing that is data.
+    ModelError
+        If the files of the model cannot be read.
     """
+    of_model = files_of_model(files)
+    files = [path for path in files if path not in of_model.values()]
     names = [_name_from(path, directory) for path in files]
-    content = _Content()
+    content, model = _Content(), None
+    if "file" in of_model:
+        named = {key: _name_from(path, directory) for key, path in of_model.items()}
+        if example:
+            raise MeasurementError(f"{of_model['file']}: found a model and --kind; expected one; leave --kind out")
+        model = FirstModel.read(of_model, named, files)
     for path in files:
         content.about |= {key: text for key, text in about_file(path).items() if key not in content.about}
         for record in iter_records(path, layout):
@@ -116,23 +137,110 @@ def propose_case(files: Sequence[Path], directory: Path, layout: Mapping[str, st
                     content.with_coherence += 1
                     content.averages.add(record.averages)
     if content.pairs:
-        data = list(_frf_lines(names, content, layout))
+        data = list(_frf_lines(names, content, layout, model))
     elif content.histories:
-        data = list(_history_lines(names, content, layout))
+        data = list(_history_lines(names, content, layout, model))
     elif content.modes:
         data = list(_mode_lines(content.modes))
     else:
-        raise MeasurementError(
-            f"{', '.join(names)}: found no FRF, time history or mode; expected one of these; export the FRFs"
-        )
+        found = f"{', '.join(names)}: found" if names else f"{', '.join(map(str, of_model.values()))}: found a model,"
+        raise MeasurementError(f"{found} no FRF, time history or mode; expected one of these; export the FRFs")
     damping, of_damping = ("", []) if content.modes and not content.pairs else _damping(content)
     # the answer of the modes of FRFs takes them for uncertain anyway, and the FRFs themselves take far longer with them
     sign = "# " if damping else ""
     uncertain = ["[uncertain]   # as in a workshop, and assumed where the report says so; state what you know better"]
-    uncertain += [f"{name} = {{ sd_percent = {percent} }}" for name, percent in WORKSHOP_SD_PERCENT.items()]
+    known = {name: percent for name, percent in WORKSHOP_SD_PERCENT.items() if not (model and name == "length")}
+    uncertain += [f"{name} = {{ sd_percent = {percent} }}" for name, percent in known.items()]
     about = [f"about = {toml_value(content.about)}   # as the file says"] if content.about else []
-    head, rest = _head(names, damping, [*about, *of_damping]), (f"{sign}{line}" for line in uncertain)
-    return "\n".join([*head, *data, "", *rest]) + "\n"
+    every = ", ".join(printable(name) for name in [*names, *(model.names.values() if model else ())])
+    head = [f'# Written by jointbayes init from {every}. Answer each "?".']
+    if example:
+        shape = example.partition("\n[data]")[0].rstrip()
+        head += [*about, "# 1. Structure and joint are an example: put in your sizes, materials and joints.", shape]
+    else:
+        head += [*about, *of_damping, *model.lines(damping)] if model else [*_head(damping), *about, *of_damping]
+    return "\n".join([*head, "", "[data]", *data, "", *(f"{sign}{line}" for line in uncertain)]) + "\n"
+
+
+def ask(text: str, answer_to: Callable[[str, Callable[[str], str]], str]) -> str:
+    """Return a case that `propose_case` wrote with the answers to what no file knows: size, and place of the joint.
+
+    Parameters
+    ----------
+    text
+        The case.
+    answer_to
+        Puts a question. It is called with the question and a function that turns an answer into TOML, and raises
+        ValueError for one that cannot be understood. It returns that TOML, or an empty text to leave the ``"?"``.
+    """
+    for marks, question, form in _QUESTIONS:
+        mark = next((mark for mark in marks if mark in text), None)
+        if mark is not None and (answer := answer_to(question, form)):
+            text = text.replace(mark, answer, 1)
+    return text
+
+
+def _numbers(answer: str, *counts: int) -> list[float]:
+    with suppress(ValueError):
+        found = [float(word) for word in re.split(r"[\s,;x×]+", answer.strip())]
+        if len(found) in counts and all(map(math.isfinite, found)):
+            return found
+    raise ValueError(f"expected {' or '.join(map(str, counts))} numbers")
+
+
+def _section(answer: str) -> str:
+    sizes = _numbers(answer, 1, 2)
+    keys = ("diameter_mm",) if len(sizes) == 1 else ("width_mm", "height_mm")
+    shape = "circle" if len(sizes) == 1 else "rectangle"
+    return f"section = {toml_value({'shape': shape, **dict(zip(keys, sizes, strict=True))})}"
+
+
+def _clamps(answer: str) -> str:
+    ends = [int(end) for end in _numbers(answer, 1, 2)]
+    if not set(ends) <= set(range(1, 12)):
+        raise ValueError("expected nodes from 1 to 11")
+    return f"joint.dofs = {toml_value([f'{end}:{way}' for end in ends for way in ('y', 'rz')])}"
+
+
+def _unit(answer: str) -> str:
+    if answer.strip() not in UNITS:
+        raise ValueError(f"expected one of {', '.join(UNITS)}")
+    return f'length_unit = "{answer.strip()}"'
+
+
+def _face(answer: str) -> str:
+    found = _numbers(answer, 1, 6)
+    return f"node = {int(found[0])}" if len(found) == 1 else f"box_mm = {toml_value([found[:3], found[3:]])}"
+
+
+#: What no file knows: the mark in the text, the question, and what makes TOML of an answer.
+_QUESTIONS: tuple[tuple[tuple[str, ...], str, Callable[[str], str]], ...] = (
+    (('length_mm = "?"',), "Length of the beam, mm", lambda answer: f"length_mm = {_numbers(answer, 1)[0]}"),
+    (
+        ('section = { shape = "circle", diameter_mm = "?" }',),
+        "Section, mm: diameter, or width and height, as 40 x 10 (bending is along the height)",
+        _section,
+    ),
+    (('joint.dofs = ["?"]',), "Where is the joint? 1 is one end of the beam, 11 the other, 1 11 both", _clamps),
+    (('length_unit = "?"',), "Unit of length of the model's files: m, mm, in or ft", _unit),
+    (
+        ('box_mm = "?"', 'node = "?"'),
+        "Where is the joint? A node, or two corners of a box in mm: x y z x y z",
+        _face,
+    ),
+)
+
+
+def sketch(text: str) -> list[str]:
+    """Return the sketch in characters of a straight beam with its joint, sensors and forces; empty for other cases."""
+    length = re.search(r"^structure = .*length_mm = ([\d.]+)", text, re.MULTILINE)
+    joint = re.search(r"^joint\.dofs = (.*)", text, re.MULTILINE)
+    if length is None or joint is None:
+        return []
+    clamped = {int(node) for node in re.findall(r"(\d+):", joint[1])}
+    beam = "=====".join("#" if node in clamped else "+" for node in range(1, 12))
+    return [f"  {beam}", "  " + "".join(f"{node:<6}" for node in range(1, 12)).rstrip(),
+            f"  {float(length[1]):g} mm; # joint"]  # fmt: skip
 
 
 def _name_from(path: Path, directory: Path) -> str:
@@ -160,16 +268,12 @@ def _damping(content: _Content) -> tuple[str, list[str]]:
     ]
 
 
-def _head(names: Sequence[str], damping: str, more: Sequence[str]) -> Iterator[str]:
-    yield f'# Written by jointbayes init from {", ".join(printable(name) for name in names)}. Answer each "?".'
+def _head(damping: str) -> Iterator[str]:
     yield "# 1. What is the structure, without its joint? A straight beam of steel here: node 1 at one end, node 11 at"
     yield '#    the other, evenly spaced. Other structures: "The case file" in the documentation, [structure].'
-    yield _STRUCTURE % damping
+    yield _STRUCTURE % (", " * bool(damping), damping)
     yield '# 2. Where is the joint? Its DOFs: a clamp of node 1 that yields is ["1:y", "1:rz"].'
     yield 'joint.dofs = ["?"]'
-    yield from more
-    yield ""
-    yield "[data]"
 
 
 def _files(names: Sequence[str], layout: Mapping[str, str] | None) -> Iterator[str]:
@@ -178,11 +282,16 @@ def _files(names: Sequence[str], layout: Mapping[str, str] | None) -> Iterator[s
         yield f"layout = {toml_value(layout)}"
 
 
-def _channels(open_of: Mapping[str, set[str]]) -> Iterator[str]:
-    yield '# 3. Where were sensor and hammer? Node and direction of each: "11:y" is the end; "-11:y" if it points the'
-    yield "#    other way. A channel that is not used may be taken out."
+def _channels(open_of: Mapping[str, set[str]], model: FirstModel | None) -> Iterator[str]:
+    dofs = {label: model.dof(label) if model else "?" for label in open_of}
+    if model and "?" not in dofs.values():
+        yield f"# 3. Sensors and hammer, {model.how}: is this right? A minus turns a sensor, as in"
+        yield f'#    "-{next(iter(dofs.values()), "").removeprefix("-")}". A channel that is not used may be taken out.'
+    else:
+        yield _WHERE
     entries = {
-        label: {"dof": "?"} | dict.fromkeys(sorted(keys), "?") if keys else "?" for label, keys in open_of.items()
+        label: {"dof": dofs[label]} | dict.fromkeys(sorted(keys), "?") if keys else dofs[label]
+        for label, keys in open_of.items()
     }
     if len(entries) <= 4:
         yield f"channels = {toml_value(entries)}"
@@ -190,7 +299,9 @@ def _channels(open_of: Mapping[str, set[str]]) -> Iterator[str]:
         yield toml_text({"data": {"channels": entries}})
 
 
-def _frf_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
+def _frf_lines(
+    names: Sequence[str], content: _Content, layout: Mapping[str, str] | None, model: FirstModel | None
+) -> Iterator[str]:
     yield 'kind = "measured_frf"'
     yield from _files(names, layout)
     if content.no_quantity:
@@ -201,7 +312,7 @@ def _frf_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str
     yield f"f_max_hz = {float(content.band[1])}"
     variance = list(_variance(content))
     yield from _signs(content.frfs)
-    yield from _channels(content.channels)
+    yield from _channels(content.channels, model)
     yield ""
     yield "[data.variance]"
     yield from variance
@@ -239,7 +350,9 @@ def _noise(content: _Content, what: str = "file") -> Iterator[str]:
     yield f"floor = {floor:.2g}"
 
 
-def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str, str] | None) -> Iterator[str]:
+def _history_lines(
+    names: Sequence[str], content: _Content, layout: Mapping[str, str] | None, model: FirstModel | None
+) -> Iterator[str]:
     records = content.histories
     for record in records:
         content.channels.setdefault(record.channel, set()).update({"unit"} if record.quantity == "unknown" else set())
@@ -252,7 +365,7 @@ def _history_lines(names: Sequence[str], content: _Content, layout: Mapping[str,
     yield f"f_max_hz = {content.band[1]}"
     yield from _records(content, longest)
     yield from _signs(content.frfs)
-    yield from _channels(content.channels)
+    yield from _channels(content.channels, model)
     if content.frfs and content.frfs[0].coherence is None:
         yield ""
         yield "[data.variance]"

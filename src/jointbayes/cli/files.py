@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,26 +21,34 @@ if TYPE_CHECKING:
     from jointbayes.inference import Test
 
 
+#: Examples that `init` writes.
+_KINDS = ("clamp", "bolted", "spindle", "frame", "chain")
+
+
 @click.command()
 @click.argument("file", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--from", "measured", multiple=True, type=click.Path(path_type=Path), help="Measurement file, or several."
-)
+@click.option("--from", "measured", multiple=True, type=click.Path(path_type=Path), help="Measurement or FE model.")
+@click.option("--kind", type=click.Choice(_KINDS), help="What is joined; by default a clamp.")
 @common.layout_option
-def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, str]) -> None:
-    """Write a case to start from, by default my_case.toml; FILE may be a directory.
+def init(file: tuple[Path, ...], measured: tuple[Path, ...], kind: str | None, layout: dict[str, str]) -> None:
+    """Write a case to start from, by default my_case.toml.
 
-    It is a small one that runs as it stands; or with --from one for your measurement files, with what they tell and a
-    "?" where only you know. FILEs after --from that do not end in .toml are measurement files as well.
+    FILE is the case, or its directory. Without --from it is an example that runs as it stands, of the --kind: clamp
+    (one end of a beam), bolted (two parts), spindle (and tool), frame, chain.
+
+    With --from it is a case for your measurement, and for your FE model (.sti, .op4, .pch, .mtx, .rb, .npz, .mat) if
+    you name that as well. It has a "?" where only you know, and a terminal asks. FILEs after --from that do not end in
+    .toml are further files of yours.
 
     \b
     Examples:
       jointbayes init
+      jointbayes init --kind bolted
       jointbayes init --from tip.csv
+      jointbayes init --from tap.uff bracket.sti
     """
     from importlib.resources import files
 
-    from jointbayes.case.first_case import propose_case
     from vibrecords.files import write_whole_file
 
     cases = [path for path in file if not measured or path.suffix == ".toml" or path.is_dir()]
@@ -54,16 +62,33 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], layout: dict[str, s
         remedy = f"write {target}.toml, or make the directory first"
         raise CaseError(f"{target}: found neither a directory nor the name of a case; expected NAME.toml; {remedy}")
     require_free(target, "name")
-    if not measured:
-        manner().result |= {"case": str(target), "questions": []}
-        write_whole_file(target, files("jointbayes.cli").joinpath("minimal.toml").read_bytes())
-        say(f"Case: {target}; next: jointbayes run {target}")
-        return
-    text = propose_case([*measured, *(path for path in file if path not in cases)], target.parent, layout)
+    text = files("jointbayes.cli").joinpath(f"{kind or _KINDS[0]}.toml").read_text(encoding="utf-8")
+    if measured:
+        from jointbayes.case.first_case import ask, propose_case, sketch
+
+        given = [*measured, *(path for path in file if path not in cases)]
+        text = propose_case(given, target.parent, layout, text if kind else "")
+        if sys.stdin.isatty() and sys.stdout.isatty() and not (manner().json or manner().quiet):
+            text = ask(text, _answer)
+            for line in sketch(text):
+                say(line)
     write_whole_file(target, text.encode())
-    lines = [str(i) for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
-    manner().result |= {"case": str(target), "questions": [int(line) for line in lines]}
-    say(f'Case: {target}; answer each "?" (lines {", ".join(lines)}), then: jointbayes run {target}')
+    lines = [i for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
+    manner().result |= {"case": str(target), "questions": lines}
+    answer = f'answer each "?" (lines {", ".join(map(str, lines))}), then' if lines else "next"
+    say(f"Case: {target}; {answer}: jointbayes run {target}")
+
+
+def _answer(question: str, form: Callable[[str], str]) -> str:
+    """An answer from the terminal, as TOML; Enter alone leaves it open."""
+
+    def understood(answer: str) -> str:
+        try:
+            return form(answer) if answer.strip() else ""
+        except ValueError as error:
+            raise click.UsageError(f"found {answer!r}; {error}") from None
+
+    return str(click.prompt(f"{question} (Enter: later)", default="", show_default=False, value_proc=understood))
 
 
 @click.command("inspect")

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from vibrecords.records import MOST_BYTES
 
 PathLike = str | Path
 #: Length in m and energy in J of a consistent system of units: m-kg-s, mm-t-s, in-lbf-s, ft-lbf-s.
-_UNITS = {
+UNITS = {
     "m": (1.0, 1.0),
     "mm": (1e-3, 1e-3),
     "in": (0.0254, 0.112984829027616),
@@ -86,7 +87,7 @@ def read_structure(
     (16335, 1.87)
     """
     expected = 'one of "m", "mm", "in", "ft"; give that of the model'
-    require(length_unit, str, "length_unit: found", expected, lambda unit: unit in _UNITS)
+    require(length_unit, str, "length_unit: found", expected, lambda unit: unit in UNITS)
     main = Path(path)
     exported = _read(main, _matrices)
     matrices = {role or "stiffness": entries for role, entries in exported.matrices.items()}
@@ -143,7 +144,7 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
         if (np.abs(np.rint(values / last) * last - values) <= 4 * np.finfo(float).eps * values).all():
             rounding = 0.5 * 10.0 ** (1 - digits)
             break
-    length, energy = _UNITS[unit]
+    length, energy = UNITS[unit]
     scale = np.where((rows[:, 1] >= 1) & (rows[:, 1] <= 3), 1 / length, 1.0)
     turn = sparse.diags_array(scale)
     whole = {role: energy * (turn @ matrix[kept][:, kept] @ turn) for role, matrix in whole.items()}
@@ -192,7 +193,7 @@ def _require_sane_units(model: FeModel, unit: str) -> None:
     solid = set(model.dofs[:, 1].tolist()) == {1, 2, 3} and min(box) > 1e-3 * max(box)
     density = float(np.divide(model.whole_mass, math.prod(box if solid else 3 * [max(box)])))
     bounds = (_SPARSEST_SOLID if solid else _SPARSEST), _DENSEST
-    numbers = {other: energy / length**5 for other, (length, energy) in _UNITS.items()}
+    numbers = {other: energy / length**5 for other, (length, energy) in UNITS.items()}
     densities = {other: density * size / numbers[unit] for other, size in numbers.items()}
     if bounds[0] <= densities[unit] <= bounds[1]:
         return
@@ -271,6 +272,13 @@ def _mirrored(entries: Entries, size: int, role: str, source: Path) -> Sparse:
 
 
 # ---- files
+
+
+def holds_matrices(path: Path) -> bool:
+    """Return whether a file holds matrices of a model, by its content."""
+    with suppress(ModelError):
+        return bool(_read(path, _matrices).matrices)
+    return False
 
 
 def _read(path: Path, read: Callable[[Path], Exported]) -> Exported:
