@@ -25,7 +25,7 @@ ROOMS = {
     "studies": (1700, 1650),
     "case": (4000, 4980),
     "report": (2900, 3540),
-    "cli and what stands alone": (1400, 1760),
+    "cli and what stands alone": (1400, 1790),
 }
 
 

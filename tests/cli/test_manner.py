@@ -13,7 +13,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.json_schema import case_schema
-from jointbayes.cli import progress_display
+from jointbayes.cli import common, progress_display
 from jointbayes.cli.commands import main
 from jointbayes.cli.output import LONGEST, fail, shortened, source_lines
 from tests.conftest import CONFIGS, cheap_text, cli, edited, plain_reports, without_stages
@@ -172,6 +172,27 @@ def test_every_command_has_examples_in_its_help_that_can_be_typed(tmp_path, monk
         assert (program, command) == ("jointbayes", name)
         parsed = main.commands[name].make_context(name, arguments)  # options that are unknown or wrong are refused here
         assert parsed.info_name == name
+
+
+@pytest.mark.parametrize("columns", [50, 80, 100])
+def test_help_groups_every_command_and_cuts_no_sentence(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    page = cli("--help").output
+    assert "…" not in page
+    assert "..." not in page.partition("\n")[2]  # as click cuts sentences
+    told = " ".join(page.split())
+    for name in COMMANDS:
+        sentence = (main.commands[name].help or "").split("\n\n")[0]
+        assert " ".join(sentence.split()) in told, name
+    assert re.findall(r"^(\w[\w ]*):$", page, re.MULTILINE)[1:] == ["Analyse", "Look", "Decide", "Files", "Exit codes"]
+    codes = {int(code) for line in re.findall(r"^  ([\d, ]+?)  ", page, re.MULTILINE) for code in line.split(", ")}
+    assert codes == {0, *(value for value in vars(common).values() if type(value) is int)}
+
+
+def test_without_arguments_the_first_step_is_named():
+    result = cli()
+    assert result.exit_code == 0
+    assert result.output.startswith("First step: jointbayes init --from tip.csv")
 
 
 # ---- lengths

@@ -17,9 +17,18 @@ from typing import Any
 
 import click
 
-from jointbayes.cli import files, run, studies
-from jointbayes.cli.common import BAD_INPUT, FAULT_OF_THE_PROGRAM, INTERRUPTED, OUTPUT_CLOSED, TERMINATED
-from jointbayes.cli.output import EVERYWHERE, fail, is_closed, let_go, manner, open_closed_streams, print_json, warn
+from jointbayes.cli import common, files, run, studies
+from jointbayes.cli.output import (
+    EVERYWHERE,
+    fail,
+    is_closed,
+    let_go,
+    manner,
+    open_closed_streams,
+    print_json,
+    say,
+    warn,
+)
 from jointbayes.errors import WENT, JointBayesError, ReportInterruptedError, TerminatedError
 from vibrecords.errors import printable
 
@@ -36,10 +45,10 @@ def _well_behaved(*, json: bool) -> Iterator[None]:
         if not is_closed(sys.stdout):
             raise
         let_go(sys.stdout)
-        sys.exit(OUTPUT_CLOSED)
+        sys.exit(common.OUTPUT_CLOSED)
     except OSError as error:  # standard output is full
         fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
-        sys.exit(BAD_INPUT)
+        sys.exit(common.BAD_INPUT)
     except click.ClickException as error:
         if isinstance(error, click.NoSuchOption) and error.option_name in WENT:
             object.__setattr__(error, "possibilities", None)
@@ -73,8 +82,42 @@ def _answering_sigterm() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
+#: Commands as `--help` groups them.
+_GROUPS = {
+    "Analyse": ("run", "identify", "sample", "report"),
+    "Look": ("inspect", "validate", "check"),
+    "Decide": ("compare", "same", "plan", "predict", "campaign"),
+    "Files": ("init", "export", "schema"),
+}
+_EXIT_CODES = {
+    "0": "done",
+    str(common.NOT_MATCHED): "check: it does not match; same: changed; campaign: cases failed",
+    str(common.BAD_INPUT): "bad input",
+    str(common.NOT_CONVERGED): "the sampler has not converged",
+    str(common.FAULT_OF_THE_PROGRAM): "a bug in jointbayes",
+    f"{common.INTERRUPTED}, {common.TERMINATED}": "interrupted, terminated",
+    str(common.OUTPUT_CLOSED): "the output is not read any more",
+}
+
+
 class _Commands(click.Group):
     """Prints what is wrong with the input on one line and exits 2: a traceback would be a bug."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List each command by its first example, with all of its first sentence."""
+        for title, names in _GROUPS.items():
+            rows = []
+            for command in map(self.commands.__getitem__, names):
+                sentence, _, examples = (command.help or "").partition("Examples:\n")
+                example = examples.split("\n")[0].strip().removeprefix("jointbayes ")
+                rows.append((example, " ".join(sentence.split("\n\n")[0].split())))
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the exit codes."""
+        with formatter.section("Exit codes"):
+            formatter.write_dl(list(_EXIT_CODES.items()))
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:  # noqa: ANN401 (click's own signature)
         open_closed_streams()
@@ -110,11 +153,11 @@ class _Commands(click.Group):
             fail(f"jointbayes: {error}")
         except ReportInterruptedError as error:
             fail(f"jointbayes: {error}")
-            sys.exit(TERMINATED if isinstance(error.__cause__, TerminatedError) else INTERRUPTED)
+            sys.exit(common.TERMINATED if isinstance(error.__cause__, TerminatedError) else common.INTERRUPTED)
         except KeyboardInterrupt as error:
             how = manner()
             fail(f"jointbayes: interrupted; {f'{how.written} is whole' if how.written else how.unfinished}")
-            sys.exit(TERMINATED if isinstance(error, TerminatedError) else INTERRUPTED)
+            sys.exit(common.TERMINATED if isinstance(error, TerminatedError) else common.INTERRUPTED)
         except MemoryError:
             remedy = "lower sampling.walkers or sampling.ensembles, or use fewer lines"
             fail(f"jointbayes: found too little memory; expected room for all walkers; {remedy}")
@@ -134,10 +177,10 @@ class _Commands(click.Group):
             found = " ".join(f"{type(error).__name__} in {place}: {error}".split())
             remedy = "please report it, with the case and what JOINTBAYES_DEBUG=1 prints"
             fail(f"jointbayes: a bug in jointbayes: found {found}; expected a result or a refusal; {remedy}")
-            sys.exit(FAULT_OF_THE_PROGRAM)
+            sys.exit(common.FAULT_OF_THE_PROGRAM)
         else:
             return
-        sys.exit(BAD_INPUT)
+        sys.exit(common.BAD_INPUT)
 
 
 def _place_of(error: OSError) -> str:
@@ -149,15 +192,22 @@ def _place_of(error: OSError) -> str:
     return "the working directory: "  # somebody has removed it
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=_Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(package_name="jointbayes")
-def main() -> None:
+@click.pass_context
+def main(context: click.Context) -> None:
     """Joint stiffness from vibration measurements, with uncertainty.
 
-    Exit status: 0 done, 1 the check does not match, 2 bad input, 3 the sampler has
-    not converged, 70 a bug in jointbayes, 130 interrupted, 141 no one read the output, 143 terminated; of a campaign
-    1: cases failed; of same 1: the joint has changed.
+    First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example). Each command has
+    more examples in its own --help.
     """
+    if context.invoked_subcommand is None:
+        say("First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example).")
+        say("Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
     # What a library warns of is one line like our own warnings, without the place in its source.
     warnings.showwarning = lambda message, *_args, **_options: warn(str(message))
     # Matplotlib says in three lines that the home directory cannot be written, which costs nothing here.
