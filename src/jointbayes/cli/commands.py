@@ -192,11 +192,10 @@ def _place_of(error: OSError) -> str:
     return "the working directory: "  # somebody has removed it
 
 
-@click.group(
-    cls=_Commands,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
+_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(cls=_Commands, invoke_without_command=True, context_settings=_SETTINGS)
 @click.version_option(package_name="jointbayes")
 @click.pass_context
 def main(context: click.Context) -> None:

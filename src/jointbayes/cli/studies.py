@@ -11,11 +11,12 @@ from jointbayes.cli import common
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
 from jointbayes.cli.targets import require_outside
-from jointbayes.errors import WorkerError
+from jointbayes.errors import CaseError, WorkerError
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
-    from jointbayes.inference import Problem
+    from jointbayes.studies.same import JointChange
+    from jointbayes.studies.same_modes import ModesChange
 
 
 def _require_place(directory: Path, kind: str) -> None:
@@ -116,23 +117,37 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
 def same(before: Path, new: Path, seed: int) -> None:
     """Say whether a joint has changed between two tests, and by how much; exit 1 where it has.
 
-    BEFORE and NEW are case files, posterior files or run directories of one test each.
+    BEFORE and NEW are case files, posterior files or run directories of one test each: the stiffnesses are compared.
+    Or they are measurement files of one set-up: the modes are compared, which needs no case.
 
     \b
     Examples:
       jointbayes same reference.toml today.toml
+      jointbayes same before.uff after.uff
       jointbayes same reports/before reports/new --json
     """
-    from jointbayes.studies.same import compare_joints
-    from jointbayes.workflow import answered_case, load_posterior
+    measured = [given for given in (before, new) if given.suffix not in (".toml", ".nc") and not given.is_dir()]
+    if len(measured) == 1:
+        words = "expected two cases or posteriors, or two measurement files; write a case for it"
+        raise CaseError(f"{measured[0]}: found one measurement file; {words}: jointbayes init --from {measured[0]}")
+    change: JointChange | ModesChange
+    if measured:
+        show_stage(Progress("fitting resonances"))
+        from jointbayes.studies.same_modes import compare_modes
 
-    def problem_of(given: Path) -> "Problem":
-        if given.suffix == ".toml":
-            return answered_case(common.load(given), seed, progress)
-        return load_posterior(common.posterior_file(given)).problem
+        change = compare_modes(before, new)
+    else:
+        from jointbayes.studies.same import compare_joints
+        from jointbayes.workflow import answered_case, load_posterior
 
-    with show_progress() as progress:
-        change = compare_joints(problem_of(before), problem_of(new), seed, progress)
+        with show_progress() as progress:
+            one, other = [
+                answered_case(common.load(given), seed, progress)
+                if given.suffix == ".toml"
+                else load_posterior(common.posterior_file(given)).problem
+                for given in (before, new)
+            ]
+            change = compare_joints(one, other, seed, progress)
     for line in change.lines:
         say(line)
     manner().result |= asdict(change) | {"changed": change.changed}
