@@ -258,12 +258,6 @@ class Stage:
             return judge(settings, self.checks)
         return Verdict(converged=False, reason="")
 
-    def is_slow(self, slow: Slow) -> bool:
-        """Whether the run stands at a check between these steps and mixes slowly."""
-        if not slow.first <= self.step <= slow.last or self.checks[-1].step != self.step:
-            return False
-        return self.checks[-1].tau_max > slow.tau
-
     def extend(
         self, advance: Advance, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
     ) -> list[EnsembleState]:

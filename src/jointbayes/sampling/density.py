@@ -84,7 +84,7 @@ def newton_climb(
     """
     place, axes = np.array(start, dtype=float), covariance_roots(covariance, _LEAST)
     for _ in range(steps):
-        value, gradient, hessian = derivatives_along(log_density, place, axes, step)
+        value, gradient, hessian = from_stencil(log_density(stencil(place, axes, step)), step)
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break  # the support ends within reach
         curvature, vectors = np.linalg.eigh(-hessian)
@@ -105,28 +105,6 @@ def newton_climb(
     return place, value, axes @ axes.T
 
 
-def derivatives_along(log_density: LogDensity, place: Array, axes: Array, step: float) -> tuple[float, Array, Array]:
-    """Value, gradient and Hessian along axes, by central differences from one call.
-
-    Parameters
-    ----------
-    log_density
-        (n, d) points to (n,) values, −inf where the density is zero.
-    place
-        Where, shape (d,).
-    axes
-        Columns of (d, d).
-    step
-        Of the differences, as a fraction of the axes.
-
-    Returns
-    -------
-    value, gradient, hessian : float, ndarray (d,), ndarray (d, d)
-        NaN throughout gradient and Hessian where a difference leaves the support.
-    """
-    return from_stencil(log_density(stencil(place, axes, step)), step)
-
-
 def stencil(place: Array, axes: Array, step: float) -> Array:
     """Points about a place, shape (d,), of which `from_stencil` takes differences along axes, columns of (d, k)."""
     rows, columns = np.triu_indices(axes.shape[1], 1)
@@ -135,7 +113,10 @@ def stencil(place: Array, axes: Array, step: float) -> Array:
 
 
 def from_stencil(values: Array, step: float) -> tuple[float, Array, Array]:
-    """Value, gradient (k,) and Hessian (k, k) along axes from values at the points of their `stencil`."""
+    """Value, gradient (k,) and Hessian (k, k) along axes from values at the points of their `stencil`.
+
+    Gradient and Hessian are NaN where a difference leaves the support.
+    """
     centre, up, down = values[0], *np.split(values[1:], 2)
     d = (math.isqrt(8 * up.size + 1) - 1) // 2  # of d axes and the sums of two of them
     if not np.isfinite(values).all():

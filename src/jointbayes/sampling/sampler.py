@@ -202,7 +202,24 @@ def initial_states(
     states = []
     for index, theta in enumerate(start):
         if first:
-            _require_spanning(theta, index)
+            bad = np.flatnonzero(~np.isfinite(theta).all(axis=1))
+            if bad.size:
+                raise SamplingError(
+                    f"sampler start: the position of walkers {bad.tolist()} of ensemble {index} is not finite, "
+                    "expected finite numbers"
+                )
+            offset = theta - theta.mean(axis=0)
+            size = np.abs(offset).max(axis=0)
+            rounding = np.spacing(np.abs(theta).max(axis=0)) * np.sqrt(theta.size)
+            # A posterior may be a sheet a millionth of a millionth thick, as where k12² comes up to k11 k22: walkers
+            # that were found there span all the same. Only rounding tells nothing.
+            if (size <= rounding).any() or np.linalg.svd(offset / size, compute_uv=False)[-1] <= (
+                rounding / size
+            ).max():
+                raise SamplingError(
+                    f"sampler start: the walkers of ensemble {index} do not span the {start.shape[2]} parameters, "
+                    "expected them scattered in every direction: the moves never leave the subspace they start in"
+                )
         values = Checked(log_density)(theta)
         outside = np.flatnonzero(np.isneginf(values))
         if outside.size:
@@ -212,25 +229,6 @@ def initial_states(
             )
         states.append(EnsembleState(theta, values))
     return states
-
-
-def _require_spanning(theta: Array, index: int) -> None:
-    bad = np.flatnonzero(~np.isfinite(theta).all(axis=1))
-    if bad.size:
-        raise SamplingError(
-            f"sampler start: the position of walkers {bad.tolist()} of ensemble {index} is not finite, "
-            "expected finite numbers"
-        )
-    offset = theta - theta.mean(axis=0)
-    size, dimension = np.abs(offset).max(axis=0), theta.shape[1]
-    rounding = np.spacing(np.abs(theta).max(axis=0)) * np.sqrt(theta.size)
-    # A posterior may be a sheet a millionth of a millionth thick, as where k12² comes up to k11 k22: what walkers found
-    # there spans all the same. Only rounding tells nothing.
-    if (size <= rounding).any() or np.linalg.svd(offset / size, compute_uv=False)[-1] <= (rounding / size).max():
-        raise SamplingError(
-            f"sampler start: the walkers of ensemble {index} do not span the {dimension} parameters, "
-            "expected them scattered in every direction: the moves never leave the subspace they start in"
-        )
 
 
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
@@ -312,9 +310,12 @@ def run_ensembles(
     advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
 
     def is_done() -> bool:
-        if verdict.converged or stage.step >= settings.max_steps or (slow and stage.is_slow(slow)):
+        if verdict.converged or stage.step >= settings.max_steps:
             return True
-        return budget.is_spent and bool(stage.checks) and stage.checks[-1].step == stage.step
+        if not stage.checks or stage.checks[-1].step != stage.step:
+            return False
+        is_slow = slow and slow.first <= stage.step <= slow.last and stage.checks[-1].tau_max > slow.tau
+        return bool(budget.is_spent or is_slow)
 
     while not is_done():
         before, states = stage.step, stage.extend(advance_one, states, streams, settings)
