@@ -2,7 +2,7 @@
 
 `python -m benchmarks.interval_ends`, a part of `make science`. Each case of configs/ is sampled at each seed. Of each
 end of each stiffness's 95 % interval the standard deviation over the seeds is compared with the root mean square of the
-stated errors. The table goes to docs/trust.md.
+stated errors. Their ranges go to docs/trust.md.
 
 The rule. A case's figure is the root mean square of the ratios of all its ends, and should lie in 0.8 to 1.25. A
 standard deviation over n seeds is itself uncertain, and the ends of one case move together: the lower ends of its
@@ -19,7 +19,6 @@ import numpy as np
 from scipy import stats
 
 import jointbayes as jb
-from benchmarks.page import table
 from benchmarks.record import ROOT
 from benchmarks.study import Row, Study
 from jointbayes.sampling import INTERVAL, quantile_error
@@ -97,13 +96,12 @@ def _whole(results: Mapping[str, Row]) -> float:
 
 
 def tables(results: Mapping[str, Row]) -> list[str]:
-    """Table of all cases, and what fails."""
-    rows = [
-        (case, f"{data['figure']:.2f}", f"{data['least']:.2f} to {data['most']:.2f}") for case, data in results.items()
-    ]
+    """Return the ranges over all cases, and what fails."""
+    rows = list(results.values())
+    figures, least, most = (sorted(row[key] for row in rows) for key in ("figure", "least", "most"))
+    ranges = f"{len(rows)} cases: {figures[0]:.2f} to {figures[-1]:.2f}, single ends {least[0]:.2f} to {most[-1]:.2f}."
     said = [f"- Failed: {line}." for line in wrong(results)] or ["None outside its band, and every run converged."]
-    head = ("case", "scatter over stated error", "single ends")
-    return [*table(head, rows), "", f"All cases together: {_whole(results):.2f}.", "", *said]
+    return [f"{ranges} All together: {_whole(results):.2f}.", "", *said]
 
 
 STUDY = Study("interval_ends", "trust.md", dict.fromkeys(CASES, 20), measure, summary, tables)

@@ -84,19 +84,30 @@ _SHOWN = 10
 
 
 def tables(results: Mapping[str, Row]) -> list[str]:
-    """One row for each stiffness and verdict of each centre; classes of few joints are left out."""
+    """Return one row for each verdict, and each class that holds too seldom; classes of few joints are left out."""
+    classes = [(centre, row) for centre, data in results.items() for row in data["classes"] if row["joints"] >= _SHOWN]
     rows = []
-    for centre, data in results.items():
-        for row in data["classes"]:
-            if row["joints"] < _SHOWN:
-                continue
-            low, high = stats.binomtest(row["held"], row["joints"]).proportion_ci(0.95, method="exact")
-            share = f"{100 * row['held'] / row['joints']:.1f} ({100 * low:.1f} to {100 * high:.1f})"
-            rows.append(
-                (f"{CENTRES[centre][0]:g}", row["stiffness"], row["verdict"], str(row["joints"]), share, finding(row))
-            )
-    head = ("over the paper's", "stiffness", "verdict", "joints", "hold, % (95 % confidence)", "as wanted")
-    return table(head, rows)
+    for verdict in sorted({row["verdict"] for _, row in classes}):
+        same = [row for _, row in classes if row["verdict"] == verdict]
+        joints, held = (sum(row[key] for row in same) for key in ("joints", "held"))
+        share = f"{_share(held, joints)} in all, {_least(same)} at least"
+        rows.append((verdict, str(joints), share, finding({"joints": joints, "verdict": verdict, "held": held})))
+    seldom = [
+        f"- Too seldom: {row['stiffness']} {row['verdict']} at {CENTRES[centre][0]:g} times the paper's stiffnesses, "
+        f"{_share(row['held'], row['joints'])} of {row['joints']}."
+        for centre, row in classes
+        if "seldom" in finding(row)
+    ]
+    return [*table(("verdict", "joints", "hold (95 % confidence)", "as wanted"), rows), "", *seldom]
+
+
+def _share(held: int, joints: int) -> str:
+    low, high = stats.binomtest(held, joints).proportion_ci(0.95, method="exact")
+    return f"{100 * held / joints:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def _least(rows: Sequence[Row]) -> str:
+    return f"{min(100 * row['held'] / row['joints'] for row in rows):.1f} %"
 
 
 STUDY = Study(

@@ -123,6 +123,12 @@ def _answer(record: Record, name: str) -> list[str]:
     return _fenced([line for line in record["cases"][name]["printed"] if line.startswith(known)])
 
 
+def _python(record: Record, name: str) -> list[str]:
+    """Return what README's lines of Python print."""
+    each = ((k, record["cases"][name][k]) for k in stiffnesses(record["cases"][name]))
+    return _fenced([f"{k}: {e['low']:.2e} to {e['high']:.2e}, {e['words']}" for k, e in each])
+
+
 def _check(record: Record, name: str) -> list[str]:
     return _fenced(record["cases"][name]["check"]["printed"])
 
@@ -223,7 +229,7 @@ def _cases(record: Record) -> list[str]:
 
 def _found(name: str, entry: Record) -> str:
     """Return interval and verdict of a stiffness, without what the verdict takes as exact."""
-    words = re.sub(r" only if .* exact$", " on condition", entry["words"])
+    words = re.sub(r", if .* exact$", " on condition", entry["words"])
     return f"{name} {_ends(entry)} {entry['unit']}: {words}"
 
 
@@ -249,15 +255,18 @@ def _made(record: Record) -> list[str]:
 
 
 def _file(_: Record, path: str) -> list[str]:
-    """Return a file of the repository in a fence."""
-    text = (ROOT / path).read_text(encoding="utf-8")
+    """Return a file of the repository in a fence, a case without the comment at its top: the page says that."""
+    lines = (ROOT / path).read_text(encoding="utf-8").strip("\n").splitlines()
     suffix = path.rpartition(".")[2]
-    return [f"```{'python' if suffix == 'py' else suffix}", *text.strip("\n").splitlines(), "```"]
+    if suffix == "toml":
+        lines = lines[next(i for i, line in enumerate(lines) if line and not line.startswith("#")) :]
+    return [f"```{'python' if suffix == 'py' else suffix}", *lines, "```"]
 
 
 BLOCKS: dict[str, Callable[..., list[str]]] = {
     "run": _run,
     "answer": _answer,
+    "python": _python,
     "check": _check,
     "identify": _identify,
     "verdicts": _verdicts,
