@@ -81,7 +81,7 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
     Examples:
       jointbayes predict reports/my_case longer_tool.toml
     """
-    from jointbayes.studies.predict import A_PREDICTION, prediction_lines, read_other, write_prediction
+    from jointbayes.studies.predict import A_PREDICTION, predict_lobes, prediction_lines, read_other, write_prediction
     from jointbayes.workflow import load_posterior
 
     source = common.posterior_file(posterior)
@@ -101,9 +101,12 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
         quantity=asked.quantity,
         test=test,
     )
-    for line in prediction_lines(found):
+    if asked.lobes is not None:
+        show_stage(Progress("predicting the stability lobes", f"{asked.lobes.teeth} teeth"))
+    lobes = predict_lobes(loaded, asked, test)
+    for line in prediction_lines(found, loaded, lobes):
         say(line)
-    manner().written = write_prediction(found, asked, loaded, directory)
+    manner().written = write_prediction(found, asked, loaded, directory, lobes)
     manner().result |= found.as_json()
     report_written(directory)
     common.exit_by_convergence(loaded)

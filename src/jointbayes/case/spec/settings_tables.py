@@ -177,6 +177,23 @@ class LeftOutSpec(Spec):
 _MOST_LINES = 100_000  # of a prediction
 
 
+class LobesSpec(Spec):
+    """A milling cut whose stability lobes are wanted: tool, material and spindle speeds."""
+
+    x: Annotated[str, key_field("the DOF of the tool's tip along the feed", "tip:y")]
+    y: Annotated[str, key_field("the DOF of the tool's tip across the feed", "tip:z")]
+    teeth: Annotated[int, count_field("the number of teeth", 4, 1, 1000)]
+    kt_mpa: Annotated[float, positive("the tangential cutting coefficient in MPa", 800.0)]
+    kr: Annotated[float, not_negative("the radial force over the tangential one", 0.3)]
+    immersion: Annotated[float, key_field("the width of cut over the tool's diameter, 1 for a slot", 0.5, gt=0, le=1)]
+    milling: Annotated[Literal["up", "down"], key_field('"up" or "down"', "down")]
+    speed_min_rpm: Annotated[float, positive("the lowest spindle speed in rev/min", 6000.0)]
+    speed_max_rpm: Annotated[float, positive("the highest spindle speed in rev/min", 20000.0)]
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from not_above(self.speed_min_rpm, self.speed_max_rpm, "speed_min_rpm", "speed_max_rpm", "in rev/min")
+
+
 class PredictSpec(Spec):
     """What `jointbayes predict` wants to know of this structure, held by a joint that was identified in another one."""
 
@@ -189,6 +206,7 @@ class PredictSpec(Spec):
         Literal["receptance", "mobility", "accelerance"],
         key_field('what is predicted, "receptance", "mobility" or "accelerance"', "receptance"),
     ] = "receptance"
+    lobes: Annotated[LobesSpec | None, Field(description="a milling cut whose stability lobes are wanted")] = None
 
     def lines_hz(self) -> tuple[float, ...]:
         """The lines, Hz; the last one is at ``f_max_hz`` or less than a step below."""
