@@ -26,7 +26,7 @@ def main() -> None:
         ):
             ended = CliRunner().invoke(jointbayes, command, catch_exceptions=False)
             assert ended.exit_code == 0, ended.output
-        shutil.copy(there / "figures" / "lobes.svg", FIGURE)
+        shutil.copy(there / "figures" / "stability-lobes.svg", FIGURE)
         said = [line for line in ended.stdout.splitlines() if line.startswith(("mode 1:", "lobes:"))]
         write_between(PAGE, "lobes.py", "```text\n" + "\n".join(said) + "\n```")
 

@@ -8,6 +8,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior import other_structure
+from jointbayes.rounding import number
+from jointbayes.studies.lobes import Cut, limiting_depth
 from jointbayes.studies.predict import read_other
 from tests.conftest import TO_CONVERGE, cli, shipped_text
 
@@ -19,6 +21,18 @@ inputs = ["11:y"]
 f_min_hz = 20
 f_max_hz = 1200
 f_step_hz = 10
+"""
+LOBES = """
+[predict.lobes]
+x = "11:y"
+y = "11:y"
+teeth = 3
+kt_mpa = 600
+kr = 0.2
+immersion = 0.25
+milling = "down"
+speed_min_rpm = 3000
+speed_max_rpm = 9000
 """
 
 
@@ -176,9 +190,32 @@ class TestCommand:
         assert head.startswith("frequency_hz,11:y/11:y median")
         assert float(first.split(",")[1]) == pytest.approx(expected.frf.magnitude[0, 0, 0], rel=1e-6)
 
+    def test_lobes_are_those_of_the_predicted_tip(self, home, monkeypatch, plain_reports, cheap_posterior):
+        (home / "longer.toml").write_text('extends = "base.toml"\n' + ASKED + LOBES)
+        monkeypatch.chdir(home)
+        ran = cli("predict", "posterior.nc", "longer.toml", "--out", "there")
+        assert ran.exit_code in (0, 3), ran.output
+        head, *rows = (home / "there" / "lobes.csv").read_text().splitlines()
+        table = np.array([[float(x) for x in row.split(",")] for row in rows])
+        assert head.startswith("speed_rpm,depth_mm 2.5 %,")
+        assert (np.diff(table[:, 1:], axis=1) >= 0).all()
+        lines = np.arange(20.0, 1200.1, 0.25)
+        tip = cheap_posterior.predict(recipe_of(cheap_posterior), jb.Ports(lines, ("11:y",), ("11:y",)), max_draws=200)
+        cut = Cut(3, 600e6, 0.2, 0.25, up=False)
+        each = [limiting_depth(cut, lines, frf, frf, table[:, 0]) for frf in tip.values[:, :, 0, 0]]
+        assert table[:, 3] == pytest.approx(1e3 * np.median(each, axis=0), rel=1e-2)
+        assert f"{number(table[:, 1].min(), 3)} mm at every speed" in ran.output
+        assert "Stability lobes" in (home / "there" / "report.html").read_text()
+
     @pytest.mark.parametrize(
         ("text", "place", "words"),
         [
+            (
+                ASKED + LOBES.replace('x = "11:y"', 'x = "99:y"'),
+                "longer.toml:10: predict.lobes.x",
+                "there is no node 99",
+            ),
+            (ASKED + LOBES.replace("immersion = 0.25", "immersion = 25"), "longer.toml:15", "predict.lobes.immersion"),
             ("[structure]\nlength_mm = 500.0\n", "longer.toml:1: predict", "missing"),
             (ASKED.replace('outputs = ["11:y"]', 'outputs = ["99:y"]'), "longer.toml:3", "there is no node 99"),
             (ASKED.replace("f_max_hz = 1200", "f_max_hz = 10"), "longer.toml", "f_m"),

@@ -1,4 +1,4 @@
-"""Stability lobes: against one mode's closed form, and against encirclements of the determinant without lobe numbers."""
+"""Stability lobes: against encirclements of the determinant, which know no lobe numbers."""
 
 import numpy as np
 import pytest

@@ -19,6 +19,7 @@ from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Nuisance
 from jointbayes.joint import AnyJoint, joints_of
+from jointbayes.phrases import listed
 from jointbayes.posterior import OtherStructure, Posterior
 from jointbayes.report.canvas import panels, svg
 from jointbayes.report.frf_curves import frf_unit
@@ -26,7 +27,6 @@ from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
-from jointbayes.phrases import listed
 from jointbayes.rounding import json_ready, number
 from jointbayes.structure import StructureRecipe
 from jointbayes.studies.lobes import Cut, Lobes, limiting_depth
@@ -282,7 +282,7 @@ def _lobe_blocks(lobes: Lobes, other: OtherCase) -> tuple[Block, ...]:
     )
     head = ("Speed (rev/min)", "Limiting depth (mm)", "50 % interval (mm)", "95 % interval (mm)")
     table = Table("The least depth, and the deepest lobes", head, tuple(lobes.rows()))
-    return Figure("lobes", text, text, svg(draw, 7.2, 3.6)), table, Paragraph(cut)
+    return Figure("stability-lobes", text, text, svg(draw, 7.2, 3.6)), table, Paragraph(cut)
 
 
 def _figures(found: OtherStructure) -> tuple[Block, ...]:
