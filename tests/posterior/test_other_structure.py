@@ -210,12 +210,8 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("text", "place", "words"),
         [
-            (
-                ASKED + LOBES.replace('x = "11:y"', 'x = "99:y"'),
-                "longer.toml:10: predict.lobes.x",
-                "there is no node 99",
-            ),
-            (ASKED + LOBES.replace("immersion = 0.25", "immersion = 25"), "longer.toml:15", "predict.lobes.immersion"),
+            (ASKED + LOBES.replace('x = "11:y"', 'x = "99:y"'), ": predict.lobes.x", "99:y"),
+            (ASKED + LOBES.replace("immersion = 0.25", "immersion = 25"), ": predict.lobes.immersion", "25"),
             ("[structure]\nlength_mm = 500.0\n", "longer.toml:1: predict", "missing"),
             (ASKED.replace('outputs = ["11:y"]', 'outputs = ["99:y"]'), "longer.toml:3", "there is no node 99"),
             (ASKED.replace("f_max_hz = 1200", "f_max_hz = 10"), "longer.toml", "f_m"),
