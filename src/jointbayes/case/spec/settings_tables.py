@@ -185,7 +185,9 @@ class LobesSpec(Spec):
     teeth: Annotated[int, count_field("the number of teeth", 4, 1, 1000)]
     kt_mpa: Annotated[float, positive("the tangential cutting coefficient in MPa", 800.0)]
     kr: Annotated[float, not_negative("the radial force over the tangential one", 0.3)]
-    immersion: Annotated[float, key_field("the width of cut over the tool's diameter, 1 for a slot", 0.5, gt=0, le=1)]
+    immersion: Annotated[
+        float, key_field("the width of cut over the tool's diameter, a number above 0 and at most 1", 0.5, gt=0, le=1)
+    ]
     milling: Annotated[Literal["up", "down"], key_field('"up" or "down"', "down")]
     speed_min_rpm: Annotated[float, positive("the lowest spindle speed in rev/min", 6000.0)]
     speed_max_rpm: Annotated[float, positive("the highest spindle speed in rev/min", 20000.0)]
