@@ -22,8 +22,8 @@ ROOMS = {
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
     "posterior": (3700, 4990),
-    "studies": (1700, 1740),
-    "case": (4000, 4980),
+    "studies": (1700, 1920),
+    "case": (4000, 4990),
     "report": (2900, 3540),
     "cli and what stands alone": (1400, 1810),
 }
