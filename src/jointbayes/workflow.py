@@ -1,5 +1,6 @@
 """The steps of a run: identify, find the MAP, sample, load. One function each, from a case or a problem to a result."""
 
+import math
 import os
 import time
 from collections.abc import Mapping
@@ -124,6 +125,7 @@ def find_map(
     *,
     seed: int | None = None,
     progress: ProgressCallback | bool | None = None,
+    floor: float = -math.inf,
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
@@ -147,6 +149,8 @@ def find_map(
         Seed for the starts drawn from the prior; by default the case's, 1 of a problem.
     progress
         Called as the search begins, and before each further round of it.
+    floor
+        Log posterior below which the mode does not matter: the search ends with its first starts if all are lower.
 
     Raises
     ------
@@ -167,7 +171,7 @@ def find_map(
     known = [theta for theta in searched.known_theta if np.isfinite(searched.log_posterior(theta)[0])]
     search.climb_stiffnesses({"first guess": guess})
     search.climb({f"known mode {number}": theta for number, theta in enumerate(known, 1)} | further)
-    effort = search_further(search, searched, seed, tell)
+    effort = search_further(search, searched, seed, tell) if search.best[1] >= floor else None
     estimate = replace(search.estimate(), effort=effort, iteration=iteration)
     return estimate if searched is problem else _on_all_lines(problem, estimate)
 
@@ -176,7 +180,8 @@ def _on_all_lines(problem: Problem, estimate: MapEstimate) -> MapEstimate:
     """The estimate with its modes climbed on all lines of the problem."""
     climbed = _climbed_again(problem, estimate, {})
     total, count = problem.log_posterior.typical_squares(climbed.theta)
-    assert estimate.effort is not None
+    if estimate.effort is None:
+        return climbed
     return replace(climbed, effort=replace(estimate.effort, squares=total / count, limit=largest_squares(count)))
 
 
@@ -272,8 +277,7 @@ def sample(
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
-    run = _Run(problem, whole, seed, settings, estimate)
-    return _by_ensembles(run, run.fitted_proposal(), tell)
+    return _posterior(*_by_ensembles(_Run(problem, whole, seed, settings, estimate), tell))
 
 
 @dataclass(frozen=True)
@@ -314,9 +318,10 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
     return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed)
 
 
-def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback) -> Posterior:
-    """Draws by ensembles of walkers."""
+def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
+    """Draws by ensembles of walkers, with the efficiency of the last proposal."""
     problem, log_posterior, prior = run.problem, run.problem.log_posterior, run.problem.prior.log_density
+    proposal = run.fitted_proposal()
     starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
     start = starting_walkers(starts, prior, run.settings, run.generator(_WALKERS), proposal.shares)
     least = run.estimate.log_posterior - _NO_DRAW
@@ -332,7 +337,7 @@ def _by_ensembles(run: _Run, proposal: Proposal, tell: ProgressCallback) -> Post
         proposal=proposal,
         quantities=judged_quantities(problem.prior),
     )
-    return _posterior(run, last.efficiency, chains)
+    return run, last.efficiency, chains
 
 
 def _posterior(run: _Run, efficiency: float, chains: Chains) -> Posterior:
@@ -372,13 +377,26 @@ def sample_quickly(
     settings: SamplerSettings | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> Posterior:
-    """Draw by importance from two origins, as of few data with an error of the model; else by walkers.
-
-    It is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
-    """
-    d, began, tell = len(problem.names), time.perf_counter(), callback_of(progress)
-    settings = settings or SamplerSettings().for_dimension(d).for_one_of_many()
+    """Draw by importance from two origins, as of few data with an error of the model; else by walkers."""
+    settings = settings or SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
     run = _Run(problem, case, seed, settings, find_map(problem, seed=seed, progress=progress))
+    return _posterior(*_from_two_origins(run, callback_of(progress)))
+
+
+def draws_of(problem: Problem, estimate: MapEstimate, seed: int, tell: ProgressCallback) -> Chains:
+    """Draws of one of many problems whose mode is known, as `sample` would make them."""
+    settings = SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
+    run = _Run(problem, None, seed, settings, estimate)
+    _, _, chains = (_from_two_origins if problem.premises.reason else _by_ensembles)(run, tell)
+    return chains
+
+
+def _from_two_origins(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
+    """Draws from two origins with their efficiency, and the run with a better mode where they found one.
+
+    The density is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
+    """
+    problem, began = run.problem, time.perf_counter()
     tell(Progress("sampling"))
     found = draws_from_two_origins(
         Landing(problem.log_posterior, mode=run.estimate.theta),
@@ -386,13 +404,13 @@ def sample_quickly(
         run.generator(_STEPS),
         judged_quantities(problem.prior),
         tell=lambda text: tell(Progress("sampling", text)),
-        budget=settings.budget(d),
+        budget=run.settings.budget(len(problem.names)),
     )
     if found is None:
         tell(Progress("preparing the sampling"))
-        return _by_ensembles(run, run.fitted_proposal(), tell)
+        return _by_ensembles(run, tell)
     chains = independent_chains(problem.log_posterior, found, time.perf_counter() - began)
-    return _posterior(replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains)
+    return replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains
 
 
 def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:

@@ -37,7 +37,8 @@ def _require_place(directory: Path, kind: str) -> None:
 @common.outside_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory to write; by default none.")
 @common.seed_option
-def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> None:
+@click.option("--nested", is_flag=True, help="Find ln Z by nested sampling, which takes minutes, not from the draws.")
+def compare(config: tuple[Path, ...], out: Path | None, seed: int | None, nested: bool) -> None:
     """Compare hypotheses on the joint, from rigid to a full matrix, in one case file or several of the same data.
 
     \b
@@ -53,7 +54,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None) -> Non
     if out is not None:
         _require_place(out, A_COMPARISON)
     with show_progress() as progress:
-        comparison = weigh(cases, seed=seed, progress=progress)
+        comparison = weigh(cases, seed=seed, progress=progress, nested=nested)
     for line in (*comparison.sentences, *evidence_table(comparison.summary()).lines()):
         say(line)
     if out is not None:

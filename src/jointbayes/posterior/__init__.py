@@ -3,7 +3,6 @@
 from jointbayes.posterior.checks import PredictiveCheck as PredictiveCheck
 from jointbayes.posterior.diagnosis import diagnose as diagnose
 from jointbayes.posterior.evidence import evidence as evidence
-from jointbayes.posterior.evidence import importance_evidence as importance_evidence
 from jointbayes.posterior.evidence import nested_evidence as nested_evidence
 from jointbayes.posterior.identifiability import assess as assess
 from jointbayes.posterior.knowledge import Knowledge as Knowledge

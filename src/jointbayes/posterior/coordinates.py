@@ -51,6 +51,8 @@ def judged_quantities(prior: JointPrior) -> Quantities:
     signed logarithm arsinh(k/s), with s the median of |k|: its draws may spread over decades to both sides.
     """
     parametrisation = prior.parametrisation
+    if not parametrisation.names:  # of a rigid joint, whatever else is uncertain
+        return Quantities(prior.names, lambda theta: theta)
     others = [(i, q) for i, q in enumerate(parametrisation.quantities) if q.name in parametrisation.derived]
 
     def values(theta: Array) -> Array:

@@ -1,121 +1,181 @@
-"""The evidence Z = ∫ p(data | θ) p(θ) dθ of a model: by importance sampling, else by way of nested sampling."""
+"""The evidence Z = ∫ p(data | θ) p(θ) dθ of a model from the draws of its posterior, or by nested sampling if asked.
+
+The draws say where the posterior lies, not how large its integral is. A mixture q that is fitted to the draws
+integrates to one, so that p/q at draws of both gives Z. The optimal bridge is used: its error stays finite where q
+misses the tails.
+
+References
+----------
+Meng, X.-L., Wong, W. H. (1996). Simulating ratios of normalizing constants via a simple identity: a theoretical
+exploration. Statistica Sinica 6(4), 831-860. Optimal bridge: Eq. (4.1).
+Frühwirth-Schnatter, S. (2004). Estimating marginal likelihoods for mixture and Markov switching models using bridge
+sampling techniques. The Econometrics Journal 7(1), 143-167. DOI 10.1111/j.1368-423X.2004.00125.x (its error).
+"""
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from jointbayes.errors import SamplingError
-from jointbayes.inference import LogPosterior
+from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import (
-    Coordinates,
-    LogDensity,
-    Proposal,
-    Start,
-    WeightedDraws,
-    fit_proposal,
-    proposal_from_draws,
-)
-from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.diagnostics import pareto_k
+from jointbayes.sampling import Coordinates, Draws, LogDensity, Proposal, Start, likeliest_mixture
+from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords.arrays import Array
 
-Method = Literal["exact", "importance sampling", "nested sampling"]
+Method = Literal["exact", "Laplace", "bridge sampling", "nested sampling"]
 
-PARETO_LIMIT = 0.7
-"""Pareto k of importance weights above which their mean is not trusted."""
-
-_LEAST_SHARE = 0.25  # of the draws, effective
-_DRAWS = 20_000
+#: Largest standard error of ln Z with which hypotheses are weighed: 2 ln B is then known to less than a grade.
+LARGEST_ERROR = 0.5
+_PROPOSED = 4000  # draws of each mixture
+_FITTED, _HELD_OUT = 6000, 2000  # draws that a mixture is fitted to, and that choose its coordinates, at most
+_COMPONENTS = 12
+_ROUNDS, _SETTLED = 1000, 1e-9  # of the bridge's fixed point, and the change of ln Z at which it ends
+_LARGEST_RATIO = 100.0  # of ln p/q above its median
 _LIVE = 400
 _STOP = 0.01  # ln Z that the live points may still add
 _IMPOSSIBLE = -1e300  # dynesty knows no −inf
-_REFITTED = 8000  # draws of nested sampling to which another proposal is fitted
-_AGREE = 4.0  # of its standard errors, to which the evidence of that proposal's draws must agree with its own
+_EVERY_S = 1.0  # between two lines of progress
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """ln Z and how far to trust it.
 
     Parameters
     ----------
     log_z : float
-        ln of the evidence; −inf where no draw has any likelihood.
+        ln of the evidence.
     error : float
-        Monte Carlo standard error of ``log_z``.
-    pareto_k : float
-        Shape of the tail of the importance weights: above 0.7 neither ``log_z`` nor ``error`` can be trusted. NaN
-        where no importance weights were drawn.
-    method : {"exact", "importance sampling", "nested sampling"}
+        Monte Carlo standard error of ``log_z``; NaN of Laplace's approximation, which knows none.
+    method : {"exact", "Laplace", "bridge sampling", "nested sampling"}
         How it was found; exact where there is no parameter.
     evaluations : int
-        Number of evaluations of the density, the fit of the proposal included.
-    ess : float
-        Effective number of the weighted draws.
-    draws : WeightedDraws or None
-        The draws; None where there is no parameter.
+        Number of evaluations of the density, those of the posterior draws not included.
     """
 
     log_z: float
     error: float
-    pareto_k: float
     method: Method
     evaluations: int
-    ess: float
-    draws: WeightedDraws | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the error is small enough to weigh hypotheses by."""
+        return not self.error > LARGEST_ERROR
 
 
-def importance_evidence(
-    log_density: LogDensity, proposal: Proposal, rng: np.random.Generator, draws: int = _DRAWS
+def constant_evidence(log_density: LogDensity) -> Evidence:
+    """Evidence of a model without parameters: its likelihood."""
+    return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, "exact", 1)
+
+
+def laplace_evidence(mode: Start, log_posterior: float) -> Evidence:
+    """Laplace's approximation from a mode with its covariance and the log density there.
+
+    References
+    ----------
+    Tierney, L., Kadane, J. B. (1986). Accurate approximations for posterior moments and marginal densities. Journal of
+    the American Statistical Association 81(393), 82-86. DOI 10.1080/01621459.1986.10478240
+    """
+    log_volume = float(np.linalg.slogdet(2 * math.pi * mode[1])[1])
+    return Evidence(log_posterior + log_volume / 2, math.nan, "Laplace", 0)
+
+
+@one_blas_thread()
+def evidence(
+    log_density: LogDensity, systems: Sequence[Coordinates], draws: Draws, rng: np.random.Generator
 ) -> Evidence:
-    """Evidence as the mean importance weight of draws from a fitted proposal.
+    """Evidence of a density from its draws, by the optimal bridge to a mixture of Student-t distributions.
+
+    1. Halve the distinct draws by ensembles. A draw that was resampled into both halves goes to one at random.
+       Otherwise a mixture would be weighed by draws that it was fitted to, and be too narrow.
+    2. Fit a mixture to one half, in the coordinates in which further draws of this half are the likeliest.
+    3. Weigh draws of the mixture and the other half by both densities, see `_bridge`.
+    4. Do the same with the halves exchanged. ln Z is the mean, its error at least half of the difference.
 
     Parameters
     ----------
     log_density : callable
         ln of likelihood times normalised prior over θ, (n, d) array to (n,) array.
-    proposal : Proposal
-        From `jointbayes.sampling.fit_proposal`; whatever it is, the estimate has no bias, but the farther it is from
-        the posterior the larger is the error.
+    systems : sequence of Coordinates
+        Coordinates for the mixture, see `jointbayes.posterior.coordinates.coordinate_systems`.
+    draws : Draws
+        Posterior draws of two ensembles or more.
     rng : numpy.random.Generator
-        Source of the draws.
-    draws : int
-        Number of draws.
-
-    Returns
-    -------
-    Evidence
-        Its error is that of a mean of independent weights, to first order in ln Z.
-
-    Raises
-    ------
-    jointbayes.errors.SamplingError
-        If the log-density returns NaN, +inf or an array of the wrong shape.
-
-    References
-    ----------
-    Geweke, J. (1989). Econometrica 57(6), 1317-1339. DOI 10.2307/1913710
+        Source of the mixtures' draws.
     """
-    theta, log_weight = proposal.weighted_draws(log_density, rng, draws)
-    evaluations = proposal.evaluations + draws
-    if not len(log_weight):
-        return Evidence(-math.inf, math.inf, math.inf, "importance sampling", evaluations, 0.0)
-    weighted = WeightedDraws(theta, log_weight)
-    ess = weighted.effective
-    return Evidence(
-        log_z=float(np.logaddexp.reduce(log_weight)) - math.log(draws),
-        error=math.sqrt(max(1 / ess - 1 / draws, 0.0)),
-        pareto_k=pareto_k(log_weight),
-        method="importance sampling",
-        evaluations=evaluations,
-        ess=ess,
-        draws=weighted,
+    chains, steps, d = draws.theta.shape
+    # 1. halve the distinct draws, each with how often it occurs
+    theta, first, place, count = np.unique(
+        draws.theta.reshape(-1, d), axis=0, return_index=True, return_inverse=True, return_counts=True
     )
+    value = draws.log_density.reshape(-1)[first]
+    second = np.repeat(draws.ensemble >= np.median(draws.ensemble), steps).astype(float)
+    share = np.bincount(place.ravel(), weights=second) / count
+    mixed = (share > 0) & (share < 1)
+    half = np.where(mixed, rng.random(len(theta)) < 0.5, share > 0.5)
+    estimates, errors = [], []
+    for fitted_to, weighed_by in ((half, ~half), (~half, half)):
+        # 2. fit a mixture to one half
+        chosen = rng.permutation(np.flatnonzero(fitted_to))
+        held_out = min(_HELD_OUT, len(chosen) // 4)
+        coordinates, mixture = likeliest_mixture(
+            systems, theta[chosen[held_out : held_out + _FITTED]], theta[chosen[:held_out]], _COMPONENTS, rng
+        )
+        q = Proposal(mixture, 0.0, 0, coordinates)
+        # 3. weigh draws of the mixture and the other half
+        ratio = value - q.log_density(theta)
+        ratio = np.minimum(ratio, np.median(ratio) + _LARGEST_RATIO)  # infinite outside the coordinates of q
+        bulk, _ = effective_sizes(ratio[place.ravel()].reshape(chains, steps))
+        total = float(count[weighed_by].sum())
+        here, weight = ratio[weighed_by], count[weighed_by] / total
+        worth = 1 / max(float(weight @ weight), chains * steps / (bulk * total))
+        _, there = q.weighted_draws(log_density, rng, _PROPOSED)
+        log_z, error = _bridge(here, weight, worth, there, _PROPOSED)
+        estimates.append(log_z)
+        errors.append(error)
+    # 4. take both together
+    error = max(math.hypot(*errors) / 2, abs(estimates[0] - estimates[1]) / 2)
+    return Evidence(sum(estimates) / 2, error, "bridge sampling", 2 * _PROPOSED)
+
+
+def _bridge(here: Array, weight: Array, worth: float, there: Array, proposed: int) -> tuple[float, float]:
+    """ln of the integral of p over that of q, and its standard error, by the optimal bridge.
+
+    Parameters
+    ----------
+    here
+        ln p/q at draws of p.
+    weight, worth
+        Their normalised weights, and how many independent draws they are worth.
+    there
+        ln p/q at draws of q where p is above zero.
+    proposed
+        Number of draws of q, those included where p is zero.
+    """
+    ours, theirs = math.log(worth / (worth + proposed)), math.log(proposed / (worth + proposed))
+    log_r = float(np.median(here))
+    for _ in range(_ROUNDS):
+        # Meng and Wong (1996), Eq. (4.1)
+        over = there - np.logaddexp(ours + there, theirs + log_r)
+        under = -np.logaddexp(ours + here, theirs + log_r)
+        mean_over = np.logaddexp.reduce(over) - math.log(proposed)
+        before, log_r = log_r, float(mean_over - np.logaddexp.reduce(under + np.log(weight)))
+        if not abs(log_r - before) > _SETTLED:
+            break
+    # Frühwirth-Schnatter (2004), section 3: relative variances of both means
+    if not len(there):
+        return log_r, math.inf
+    over, under = np.exp(over - over.max()), np.exp(under - under.max())
+    of_over = proposed * float(over @ over) / over.sum() ** 2 - 1
+    of_under = float(weight @ under**2) / float(weight @ under) ** 2 - 1
+    return log_r, math.sqrt(of_over / proposed + of_under / worth)
 
 
 def nested_evidence(
@@ -124,8 +184,9 @@ def nested_evidence(
     dimension: int,
     rng: np.random.Generator,
     live: int = _LIVE,
+    tell: ProgressCallback = tell_nobody,
 ) -> Evidence:
-    """Evidence by nested sampling, which needs neither a mode nor a proposal, and finds modes by itself.
+    """Evidence by nested sampling, which needs no draws and finds modes by itself.
 
     Parameters
     ----------
@@ -134,11 +195,13 @@ def nested_evidence(
     prior_transform : callable
         Uniform points of the unit cube, (n, d), to draws from the prior, (n, d): `JointPrior.transform`.
     dimension : int
-        d; 0 for a model without parameters.
+        d, 1 or more.
     rng : numpy.random.Generator
         Source of randomness.
     live : int
         Number of live points: the error falls with its root, the time grows with it.
+    tell : callable
+        Called with the progress, once a second.
 
     Raises
     ------
@@ -152,11 +215,16 @@ def nested_evidence(
     Speagle, J. S. (2020). dynesty. Monthly Notices of the Royal Astronomical Society 493(3), 3132-3158.
     DOI 10.1093/mnras/staa278
     """
-    if dimension == 0:
-        return _constant_evidence(log_likelihood)
     import dynesty
 
+    calls, told = 0, time.monotonic()
+
     def bounded_log_likelihood(theta: Array) -> float:
+        nonlocal calls, told
+        calls += 1
+        if time.monotonic() > told + _EVERY_S:
+            told = time.monotonic()
+            tell(Progress("nested sampling", f"{calls} evaluations"))
         value = float(log_likelihood(theta[None])[0])
         if not value < math.inf:
             raise SamplingError(
@@ -171,76 +239,5 @@ def nested_evidence(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own efficiency, and of logarithms of zero where ln L is flat
         sampler.run_nested(dlogz=_STOP, print_progress=False)
-    results = sampler.results
-    weighted = WeightedDraws(np.array(results.samples, dtype=float), np.array(results.logwt, dtype=float))
-    return Evidence(
-        log_z=float(results.logz[-1]),
-        error=float(results.logzerr[-1]),
-        pareto_k=math.nan,
-        method="nested sampling",
-        evaluations=int(np.sum(results.ncall)),
-        ess=weighted.effective,
-        draws=weighted,
-    )
-
-
-@one_blas_thread()
-def evidence(
-    log_posterior: LogPosterior,
-    systems: Sequence[Coordinates | None],
-    starts: Sequence[Start],
-    rng: np.random.Generator,
-    draws: int = _DRAWS,
-) -> Evidence:
-    """Evidence by importance sampling from a proposal fitted here; where not trusted, by way of nested sampling.
-
-    Importance sampling is not trusted where the Pareto k of the weights is above 0.7, nor where fewer than a quarter of
-    the draws are effective: a density that the fit did not come near to may have parts where no draw ever fell, of
-    which k knows nothing. Nested sampling finds these parts, but knows ln Z to ± 0.1 at best; a mixture fitted to its
-    draws is proposed from once more. The evidence is that of these weights where their k is good, their error is the
-    smaller one and the two agree; else that of nested sampling.
-
-    Parameters
-    ----------
-    log_posterior : LogPosterior
-        Likelihood and normalised prior.
-    systems : sequence of Coordinates or None
-        Coordinates for the proposal, see `jointbayes.sampling.fit_proposal`.
-    starts : sequence of (theta, covariance)
-        One for each mode, the highest first; none is needed where there is no parameter.
-    rng : numpy.random.Generator
-        Source of randomness.
-    draws : int
-        Number of importance draws.
-
-    Raises
-    ------
-    jointbayes.errors.SamplingError
-        As from `fit_proposal`.
-    """
-    prior = log_posterior.prior
-    if not prior.names:
-        return _constant_evidence(log_posterior)
-    estimate = importance_evidence(log_posterior, fit_proposal(log_posterior, systems, starts, rng), rng, draws)
-    if estimate.pareto_k <= PARETO_LIMIT and estimate.ess >= _LEAST_SHARE * draws:
-        return estimate
-
-    def log_likelihood(theta: Array) -> Array:
-        density = np.full(len(theta), -np.inf)
-        inside = np.isfinite(prior.log_density(theta))
-        if inside.any():
-            density[inside] = log_posterior.log_likelihood(theta[inside])
-        return density
-
-    nested = nested_evidence(log_likelihood, prior.transform, len(prior.names), rng)
-    assert nested.draws is not None
-    maps, seen = [coordinates or Identity() for coordinates in systems], nested.draws.resample(rng, _REFITTED)
-    refitted = importance_evidence(log_posterior, proposal_from_draws(log_posterior, maps, seen, rng), rng, draws)
-    agrees = abs(refitted.log_z - nested.log_z) < _AGREE * nested.error
-    if refitted.pareto_k <= PARETO_LIMIT and refitted.error < nested.error and agrees:
-        return replace(refitted, evaluations=estimate.evaluations + nested.evaluations + refitted.evaluations)
-    return nested
-
-
-def _constant_evidence(log_density: LogDensity) -> Evidence:
-    return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, -math.inf, "exact", 1, 1.0)
+    found = sampler.results
+    return Evidence(float(found.logz[-1]), float(found.logzerr[-1]), "nested sampling", int(np.sum(found.ncall)))

@@ -21,7 +21,7 @@ from jointbayes.sampling.proposal import Proposal as Proposal
 from jointbayes.sampling.proposal import Start as Start
 from jointbayes.sampling.proposal import fit_each_mode as fit_each_mode
 from jointbayes.sampling.proposal import fit_proposal as fit_proposal
-from jointbayes.sampling.proposal import proposal_from_draws as proposal_from_draws
+from jointbayes.sampling.proposal import likeliest_mixture as likeliest_mixture
 from jointbayes.sampling.proposal import starts_of_hills as starts_of_hills
 from jointbayes.sampling.sampler import replace_far_walkers as replace_far_walkers
 from jointbayes.sampling.sampler import run_adapted as run_adapted

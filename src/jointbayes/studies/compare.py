@@ -1,7 +1,7 @@
 """Which joint, and which case, explains the data best: the evidence of each hypothesis, and the report."""
 
+import math
 import os
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
+from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
 from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, Parametrisation, Quantity, joint_under_hypothesis
 from jointbayes.joint.quantities import split_hypothesis
@@ -18,7 +19,14 @@ from jointbayes.phrases import listed
 from jointbayes.posterior import data_sha256, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
-from jointbayes.posterior.evidence import PARETO_LIMIT, Evidence, evidence
+from jointbayes.posterior.evidence import (
+    LARGEST_ERROR,
+    Evidence,
+    constant_evidence,
+    evidence,
+    laplace_evidence,
+    nested_evidence,
+)
 from jointbayes.posterior.evidence_table import VERY_STRONG, EvidenceTable, bayes_factor_words, is_close, odds
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.report.markup import foreign
@@ -27,9 +35,8 @@ from jointbayes.report.model import Block, Callout, Kind, Paragraph, Report, Rep
 from jointbayes.report.run_directory import json_text
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines, json_ready, number, sentence_start
-from jointbayes.sampling import Start
 from jointbayes.studies.study_directory import settings_section, sketch_figure, write_study
-from jointbayes.workflow import answered_case, find_map
+from jointbayes.workflow import answered_case, draws_of, find_map
 from vibrecords.arrays import Array
 
 
@@ -73,6 +80,8 @@ class WeighedModel:
         Edges of the prior that the posterior piles up on: there ln Z depends on where the prior ends.
     quantities
         What the numbers of `stiffness` are.
+    converged
+        Whether the draws met their stop rule.
     """
 
     case: str
@@ -83,6 +92,7 @@ class WeighedModel:
     evidence: Evidence
     at_edge: tuple[PriorEdge, ...]
     quantities: tuple[Quantity, ...] = COUPLED
+    converged: bool = True
 
     @property
     def label(self) -> str:
@@ -92,7 +102,7 @@ class WeighedModel:
     @property
     def trusted(self) -> bool:
         """Whether the stated error of the evidence may be believed."""
-        return not self.evidence.pareto_k > PARETO_LIMIT  # without importance weights k is no number
+        return self.converged and self.evidence.trusted
 
 
 Row = dict[str, Any]
@@ -107,13 +117,13 @@ _IN_SHORT = {
 
 def evidence_table(summary: dict[str, Any]) -> Table:
     """All candidates, the best first, with how ln Z was found."""
-    head = ("Joint", "Case", "ln Z", "Method", "Pareto k", "2 ln B", "Evidence against it", "Probability", "Mark")
+    head = ("Joint", "Case", "ln Z", "Method", "2 ln B", "Evidence against it", "Probability", "Mark")
     rows = _ranked(summary)
     kinds = tuple(
         "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
         for row in rows
     )
-    note = f"{report_text('evidence')} {report_text('pareto', limit=PARETO_LIMIT)}"
+    note = report_text("evidence", limit=LARGEST_ERROR)
     return Table("Evidence", head, tuple(map(_evidence_row, rows)), note=note, row_kinds=kinds)
 
 
@@ -137,7 +147,7 @@ def _ranked(summary: dict[str, Any]) -> list[Row]:
 
 
 def _evidence_row(row: Row) -> tuple[str, ...]:
-    error = "" if row["method"] == "exact" else f" ± {number(row['log_z_error'], 1)}"
+    error = "" if row["method"] in ("exact", "Laplace") else f" ± {number(row['log_z_error'], 1)}"
     marks = ["best"] * (row["words"] == "best") + ["error unreliable"] * (not row["trusted"])
     marks += [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
     return (
@@ -145,7 +155,6 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
         foreign(row["case"]),
         f"{row['log_z']:.2f}".replace("-", "−") + error,
         row["method"],
-        number(row["pareto_k"], 2).replace("-", "−"),
         f"{row['two_log_b']:.1f}",
         "–" if row["words"] == "best" else row["words"],
         number(row["probability"], 2),
@@ -383,8 +392,6 @@ class Comparison:
             "log_z": z.log_z,
             "log_z_error": z.error,
             "method": z.method,
-            "pareto_k": z.pareto_k,
-            "ess": z.ess,
             "evaluations": z.evaluations,
             "trusted": candidate.trusted,
             "two_log_b": self.two_log_b(candidate),
@@ -412,7 +419,7 @@ class Comparison:
         return write_study(directory, A_COMPARISON, build_comparison_report(summary, self.tested), files)
 
 
-_KEPT = 2000  # posterior draws, for what the evidence does not need
+_OUT_OF_QUESTION = 100.0  # ln Z below the best by Laplace's approximation: such a hypothesis is not drawn from
 _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
 
@@ -468,7 +475,11 @@ def _places(parametrisation: Parametrisation) -> dict[str, str]:
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[AnyCase], *, seed: int | None = None, progress: ProgressCallback | bool | None = None
+    cases: Sequence[AnyCase],
+    *,
+    seed: int | None = None,
+    progress: ProgressCallback | bool | None = None,
+    nested: bool = False,
 ) -> Comparison:
     """Weigh the hypotheses of cases that hold the same data against each other.
 
@@ -482,7 +493,9 @@ def compare(
     seed
         Seed of all random numbers; by default the first case's.
     progress
-        Called before each candidate.
+        Called as each stage of each candidate begins, and as it goes on.
+    nested
+        Find ln Z by nested sampling, which is slow, in place of the draws.
 
     Returns
     -------
@@ -502,20 +515,16 @@ def compare(
     given = [require_case(case) for case in cases]
     require_same_data(given)
     seed = given[0].spec.sampling.seed if seed is None else seed
-    tell, began = callback_of(progress), time.monotonic()
+    tell = callback_of(progress)
     answered = _answered(given, seed, tell)
-    pairs = [(case, hypothesis) for case in given for hypothesis in case.spec.compare.hypotheses]
     candidates: list[WeighedModel] = []
-    for done, (case, hypothesis) in enumerate(pairs):
-        text, elapsed = f"now {hypothesis} in {case.name}", time.monotonic() - began
-        tell(Progress("weighing", text, done=done, total=len(pairs), unit="candidates", elapsed_seconds=elapsed))
+    for case in given:
         try:
-            candidate, answered[case.name] = _candidate(case, answered[case.name], hypothesis, seed)
-            candidates.append(candidate)
+            candidates += _weighed(case, answered[case.name], seed, tell, nested=nested)
         except CaseError:
             raise
         except JointBayesError as error:
-            raise CaseError(f"{case.name}, {hypothesis}: {error}") from error
+            raise CaseError(f"{case.name}: {error}") from error
     problem, labels, texts = given[0].problem, what_differs(given), {case.name: case.text for case in given}
     return Comparison(tuple(candidates), seed, data_sha256(problem), texts, labels, problem.parts[0])
 
@@ -561,26 +570,53 @@ def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[
             for (name, problem), used in zip(answered.items(), each, strict=True)}  # fmt: skip
 
 
-def _candidate(case: Case, answered: Problem, hypothesis: str, seed: int) -> tuple[WeighedModel, Problem]:
-    """A hypothesis weighed, and the problem that hands its modes on to the search of the next one."""
-    # one stream for each candidate, whatever else is compared
-    rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(hypothesis)])
-    problem = hypothesis_problem(answered, hypothesis)
-    starts: tuple[Start, ...] = ()
-    mode = np.empty(0)
-    if problem.names:
-        estimate = find_map(problem, seed=seed)
-        starts, mode = estimate.starts_for_draws, estimate.theta
-        answered = answered.with_known_modes(problem.prior, estimate.places)
-    result = evidence(problem.log_posterior, coordinate_systems(problem), starts, rng)
-    if not np.isfinite(result.log_z):
-        raise ModelError("found a likelihood of zero everywhere; expected a joint that the data allow; leave it out")
-    draws = np.empty((_KEPT, 0)) if result.draws is None else result.draws.resample(rng, _KEPT)
-    stiffness, edges = problem.prior.values(mode), _piled_up(problem.prior, draws)
-    weighed = WeighedModel(
-        case.name, case.title, hypothesis, problem.names, stiffness, result, edges, problem.quantities
-    )
-    return weighed, answered
+def _weighed(
+    case: Case, answered: Problem, seed: int, tell: ProgressCallback, *, nested: bool
+) -> Iterator[WeighedModel]:
+    """The hypotheses of a case, in their order.
+
+    1. Search for the mode of each: first of the case's own joint, then from the one with the most coordinates down.
+       Each search starts from the modes found before. It ends early where the case's own joint is far more probable.
+    2. Draw from those that Laplace's approximation does not put out of the question.
+    3. Bridge the draws to a fitted mixture; nested sampling only where asked.
+    """
+    hypotheses = case.spec.compare.hypotheses
+    problems = {name: hypothesis_problem(answered, name) for name in hypotheses}
+    # 1. search
+    own, rough, found = answered.parametrisation, dict[str, Evidence](), dict[str, MapEstimate]()
+    known, best = answered, -math.inf
+    for name in sorted(hypotheses, key=lambda n: (problems[n].parametrisation != own, -len(problems[n].names))):
+        problem = replace(problems[name], known_modes=known.known_modes)
+        if not problem.names:
+            rough[name] = constant_evidence(problem.log_posterior)
+            continue
+        tell(Progress("weighing", f"{name} in {case.name}"))
+        estimate = found[name] = find_map(problem, seed=seed, progress=tell, floor=best - _OUT_OF_QUESTION)
+        known = known.with_known_modes(problem.prior, estimate.places)
+        rough[name] = laplace_evidence(estimate.starts_for_draws[0], estimate.log_posterior)
+        best = max(best, rough[name].log_z)
+    for name in hypotheses:
+        problem, weighed, converged, edges = problems[name], rough[name], True, tuple[PriorEdge, ...]()
+        if not np.isfinite(weighed.log_z):
+            raise ModelError(
+                "found a likelihood of zero everywhere; expected a joint that the data allow; leave it out"
+            )
+        if weighed.method == "Laplace" and weighed.log_z >= best - _OUT_OF_QUESTION:
+            # 2. draw, from one stream for each candidate, whatever else is compared
+            rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(name)])
+            chains = draws_of(problem, found[name], seed, tell)
+            draws, converged, density = chains.draws(), chains.converged, problem.log_posterior
+            edges = _piled_up(problem.prior, draws.theta.reshape(-1, len(problem.names)))
+            # 3. weigh
+            if nested:
+                prior = problem.prior
+                weighed = nested_evidence(density.log_likelihood, prior.transform, len(prior.names), rng, tell=tell)
+            else:
+                weighed = evidence(density, coordinate_systems(problem), draws, rng)
+        stiffness = problem.prior.values(found[name].theta if name in found else np.empty(0))
+        yield WeighedModel(
+            case.name, case.title, name, problem.names, stiffness, weighed, edges, problem.quantities, converged
+        )
 
 
 def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:

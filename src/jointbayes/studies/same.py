@@ -22,20 +22,18 @@ from jointbayes.joint.blocks import Block, Blocks
 from jointbayes.joint.quantities import prefixed
 from jointbayes.phrases import listed, not_converged
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.evidence import PARETO_LIMIT, importance_evidence
+from jointbayes.posterior.evidence import LARGEST_ERROR, evidence
 from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
-from jointbayes.sampling import fit_proposal
 from jointbayes.structure.recipe import is_damping
-from jointbayes.workflow import find_map
+from jointbayes.workflow import draws_of, find_map
 from vibrecords.arrays import Array
 
 _TESTS = ("before", "new")
 _MODES, _DRAWS = 3, 4000
 _CHANGE_SD = math.log(2.0) / 1.96  # of each coordinate of the joint: a factor of two either way in 95 %
 _NODES = 1000  # of the prior over which that of a change is normalised
-_FEWEST = 400.0  # effective draws from which intervals are printed
 _UNKNOWN = 4.0  # upper over lower end of a ratio, from which on a change by a factor of 2 would not show
 
 
@@ -162,22 +160,20 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     own, shared, premises = _together(before, new)
     one = find_map(shared, seed=seed, progress=progress)
     two = find_map(own, np.tile(one.values, 2), seed=seed, progress=progress)
-    rng, found = np.random.default_rng([seed, 5]), []
+    rng, chains, found = np.random.default_rng([seed, 5]), [], []
     for problem, estimate in ((shared, one), (own, two)):
-        density, systems = problem.log_posterior, coordinate_systems(problem)
-        found.append(importance_evidence(density, fit_proposal(density, systems, estimate.starts_for_draws, rng), rng))
+        chains.append(draws_of(problem, estimate, seed, progress))
+        found.append(evidence(problem.log_posterior, coordinate_systems(problem), chains[-1].draws(), rng))
     # 2. Evidences, that of a joint each with changes of a likely size
-    draws = found[1].draws
-    if draws is None:
-        raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
-    weight = draws.log_weight - np.logaddexp.reduce(draws.log_weight)
-    likely = float(np.logaddexp.reduce(weight + _log_prior_of_change(own, draws.theta)))
+    theta = chains[1].draws().theta.reshape(-1, len(own.names))
+    likely = float(np.logaddexp.reduce(_log_prior_of_change(own, theta))) - math.log(len(theta))
     table = EvidenceTable({"one joint": found[0].log_z, "a joint each": found[1].log_z + likely})
-    worst, fewest = (pick(getattr(z, key) for z in found) for pick, key in ((max, "pareto_k"), (min, "ess")))
-    trusted = worst <= PARETO_LIMIT and fewest >= _FEWEST
-    reason = f"{fewest:.0f} effective draws of at least {_FEWEST:.0f}, Pareto k {worst:.2g} of at most {PARETO_LIMIT:g}"
+    error = max(z.error for z in found)
+    reasons = [drawn.reason for drawn in chains if not drawn.converged]
+    if error > LARGEST_ERROR:
+        reasons.append(f"the error of ln Z is {error:.2g}, more than {LARGEST_ERROR:g}")
     # 3. The change of each stiffness, and of the natural frequency that shows it best
-    theta = draws.resample(rng, _DRAWS)
+    theta = rng.permutation(theta)[:_DRAWS]
     values, half = own.prior.values(theta), len(before.quantities)
     of_joint = [(i, q) for i, q in enumerate(before.quantities) if q.places]
     each = [Change.of(q.name, q.unit, values[:, i], values[:, half + i]) for i, q in of_joint]
@@ -185,7 +181,8 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     each.sort(key=lambda k: -k.clarity if two_log_b > STRONG else (k.unit != "1") + k.high95 - k.low95)
     if two.effort is not None and not two.effort.explains:
         premises = (*premises, "The model does not explain the data: what it lacks may look like a change.")
-    return JointChange(tuple(each), _effect(own, theta), two_log_b, premises, trusted, reason)
+    effect, reason = _effect(own, theta), "; ".join(reasons)
+    return JointChange(tuple(each), effect, two_log_b, premises, not reasons, reason)
 
 
 def _log_prior_of_change(own: Problem, theta: Array) -> Array:
