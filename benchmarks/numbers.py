@@ -171,7 +171,7 @@ def run_compare() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         status, _ = command(Path(folder), "compare", *files, "--out", "compared")
         found = json.loads((Path(folder) / "compared" / "compare.json").read_text(encoding="utf-8"))
-    kept = ("hypothesis", "case", "log_z", "log_z_error", "pareto_k", "two_log_b", "words", "at_prior_edge")
+    kept = ("hypothesis", "case", "log_z", "log_z_error", "method", "two_log_b", "words", "at_prior_edge")
     rows = sorted(found["candidates"], key=lambda c: -c["log_z"])
     candidates = [{key: _short(row[key]) if isinstance(row[key], float) else row[key] for key in kept} for row in rows]
     return {"seed": found["seed"], "exit": status, "verdict": found["verdict"], "candidates": candidates}

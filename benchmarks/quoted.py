@@ -234,17 +234,21 @@ def _found(name: str, entry: Record) -> str:
 
 
 def _compare(record: Record) -> list[str]:
-    lines = ["| Joint | Case | ln Z | Pareto k | 2 ln B | Evidence against it |", "|---|---|---|---|---|---|"]
+    lines = ["| Joint | Case | ln Z | Method | 2 ln B | Evidence against it |", "|---|---|---|---|---|---|"]
     for row in record["compare"]["candidates"]:
         error = f" ± {row['log_z_error']:.1g}" if row["log_z_error"] else ""
-        k = "–" if row["pareto_k"] is None else f"{row['pareto_k']:.2g}".replace("-", MINUS)
         words = "; ".join(
             [row["words"], *(f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"])]
         )
         log_z = f"{row['log_z']:.2f}".replace("-", MINUS)
-        lines.append(
-            f"| `{row['hypothesis']}` | `{row['case']}` | {log_z}{error} | {k} | {row['two_log_b']:.1f} | {words} |"
+        cells = (
+            f"`{row['hypothesis']}`",
+            f"`{row['case']}`",
+            f"{log_z}{error}",
+            row["method"],
+            f"{row['two_log_b']:.1f}",
         )
+        lines.append(f"| {' | '.join(cells)} | {words} |")
     return lines
 
 

@@ -14,7 +14,8 @@ from jointbayes.inference import GaussianNoise, IntegratedScale, ProportionalNoi
 from jointbayes.inference.likelihood_base import ComplexResidual
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.inference.noise.proportional import RANGE, noise_of
-from jointbayes.posterior.evidence import evidence
+from jointbayes.posterior.evidence import evidence_about_modes
+from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited
 from tests.one_line import refused
 from vibrecords import FrequencyData, FrfData, FrfSet
@@ -233,11 +234,11 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
     value = density(grid[:, None])
     weight = np.exp(value - value.max())
     start = grid[[value.argmax()]], np.array([[1e-3]])
-    found = evidence(density, [None], [start], np.random.default_rng(2))
+    found, draws = evidence_about_modes(density, [Identity()], [start], np.random.default_rng(2))
     assert found.log_z == pytest.approx(value.max() + math.log(integrate.trapezoid(weight, grid)), abs=0.01)
     mean = np.average(grid, weights=weight)
     sd = math.sqrt(np.average((grid - mean) ** 2, weights=weight))
-    assert abs(found.draws.weight @ found.draws.theta[:, 0] - mean) < 5 * sd / math.sqrt(found.ess)
+    assert abs(draws.weight @ draws.theta[:, 0] - mean) < 5 * sd / math.sqrt(draws.effective)
 
 
 @pytest.mark.science

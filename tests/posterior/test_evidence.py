@@ -1,4 +1,4 @@
-"""The evidence: its parts against closed forms, and when which method is used."""
+"""The evidence of draws, about modes and by nested sampling against known integrals; what the prior is cut to."""
 
 import json
 import math
@@ -14,9 +14,11 @@ from jointbayes.identification import LocalMode
 from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
-from jointbayes.posterior import evidence, importance_evidence, nested_evidence
+from jointbayes.posterior import evidence, evidence_about_modes, nested_evidence
+from jointbayes.posterior.evidence import constant_evidence, laplace_evidence
 from jointbayes.posterior.storage import _with_values, estimate_record
-from jointbayes.sampling import Proposal, StudentT, fit_proposal, starting_walkers
+from jointbayes.sampling import Draws, NormalScores, starting_walkers
+from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.diagnostics import pareto_k
 from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS
@@ -45,78 +47,150 @@ class Gaussian:
         return 2.0 * ndtri(u)
 
 
-class FakePosterior:
-    """What `evidence` asks of a posterior: two coordinates, uniform prior on a square of side 20."""
-
-    class prior:
-        names = ("a", "b")
-
-        @staticmethod
-        def log_density(theta):
-            return np.where((np.abs(theta) < 10).all(axis=1), -2 * math.log(20), -np.inf)
-
-        @staticmethod
-        def transform(u):
-            return 20 * u - 10
-
-    def __init__(self, log_likelihood):
-        self.log_likelihood = log_likelihood
-
-    def __call__(self, theta):
-        out = self.prior.log_density(theta)
-        inside = np.isfinite(out)
-        out[inside] += self.log_likelihood(theta[inside])
-        return out
+def gaussian(d):
+    return lambda x: stats.norm.logpdf(x).sum(axis=1), lambda rng, n: rng.normal(size=(n, d)), Identity()
 
 
-class TestImportance:
+def banana():
+    """A ridge of width 0.3 along a parabola."""
+
+    def draw(rng, n):
+        along = 2 * rng.normal(size=n)
+        return np.column_stack([along, along**2 + 0.3 * rng.normal(size=n)])
+
+    return lambda x: stats.norm.logpdf(x[:, 0], 0, 2) + stats.norm.logpdf(x[:, 1], x[:, 0] ** 2, 0.3), draw, Identity()
+
+
+def two_modes():
+    """Shares 0.77 and 0.23, twelve standard deviations apart."""
+
+    def density(x):
+        wide, narrow = stats.norm.logpdf(x).sum(axis=1), stats.norm.logpdf(x, 12, 0.5).sum(axis=1)
+        return np.logaddexp(math.log(0.77) + wide, math.log(0.23) + narrow)
+
+    def draw(rng, n):
+        wide = rng.random((n, 1)) < 0.77
+        return np.where(wide, rng.normal(size=(n, 2)), rng.normal(12, 0.5, size=(n, 2)))
+
+    return density, draw, Identity()
+
+
+def plateau():
+    """Flat from 4 to the prior's end at 10, where it ends at once; half a Gaussian below 4."""
+    edge = 0.3 * math.sqrt(math.pi / 2)
+
+    def density(x):
+        flat = np.where(x[:, 0] > 4, 0.0, -0.5 * ((x[:, 0] - 4) / 0.3) ** 2) - math.log(6 + edge)
+        return np.where(((x > 0) & (x < 10)).all(axis=1), flat + stats.norm.logpdf(x[:, 1], 5, 0.5), -np.inf)
+
+    def draw(rng, n):
+        flat = rng.random(n) < 6 / (6 + edge)
+        first = np.where(flat, rng.uniform(4, 10, n), 4 - np.abs(0.3 * rng.normal(size=n)))
+        return np.column_stack([first, rng.normal(5, 0.5, n)])
+
+    return density, draw, NormalScores(np.zeros(2), np.full(2, 10.0))
+
+
+def draws_from(density, theta, ensembles=4):
+    """Draws as those of a run, of rows in this order."""
+    theta = theta.reshape(ensembles, -1, theta.shape[1])
+    values = density(theta.reshape(-1, theta.shape[2])).reshape(theta.shape[:2])
+    return Draws(theta, values, np.arange(ensembles))
+
+
+KNOWN = {"gaussian": gaussian(2), "seven": gaussian(7), "banana": banana(), "modes": two_modes(), "plateau": plateau()}
+OFF = 7.25  # ln of what every density is multiplied with
+
+
+def found_from(name, seed, *, repeated=0):
+    density, draw, coordinates = KNOWN[name]
+    rng = np.random.default_rng(seed)
+    theta = draw(rng, 8000)
+    if repeated:
+        theta = theta[rng.choice(repeated, 8000)]
+    return evidence(lambda x: density(x) + OFF, [coordinates], draws_from(lambda x: density(x) + OFF, theta), rng)
+
+
+class TestBridge:
+    @pytest.mark.parametrize("name", KNOWN)
+    def test_the_integral_is_found_from_draws(self, name):
+        found = found_from(name, 1)
+        assert found.method == "bridge sampling"
+        assert abs(found.log_z - OFF) < 4 * found.error < 0.06
+        assert found.trusted
+
+    @pytest.mark.science
+    @pytest.mark.parametrize("repeated", [0, 2500])
+    @pytest.mark.parametrize("name", KNOWN)
+    def test_the_error_is_the_scatter_of_repetitions(self, name, repeated):
+        runs = [found_from(name, seed, repeated=repeated) for seed in range(40)]
+        z = np.array([(run.log_z - OFF) / run.error for run in runs])
+        assert abs(z.mean()) < 0.6
+        assert 0.65 < np.sqrt((z**2).mean()) < 1.3
+
+    def test_repeated_draws_do_not_make_the_mixture_too_narrow(self):
+        off = [found_from("seven", seed, repeated=1500).log_z - OFF for seed in range(6)]
+        assert abs(np.mean(off)) < 0.05
+
+    def test_correlated_draws_have_a_larger_error(self):
+        density, _, coordinates = KNOWN["gaussian"]
+        rng = np.random.default_rng(3)
+        steps = np.empty((4, 2000, 2))
+        steps[:, 0] = rng.normal(size=(4, 2))
+        for step in range(1, 2000):  # τ of 39
+            steps[:, step] = 0.95 * steps[:, step - 1] + math.sqrt(1 - 0.95**2) * rng.normal(size=(4, 2))
+        slow = evidence(density, [coordinates], draws_from(density, steps.reshape(-1, 2)), rng)
+        assert slow.error > 2 * found_from("gaussian", 1).error
+        assert abs(slow.log_z) < 4 * slow.error
+
+    def test_a_mixture_that_is_never_where_the_density_is_has_no_error_that_is_trusted(self):
+        def nowhere(theta):
+            return np.full(len(theta), -np.inf)
+
+        draws = draws_from(lambda x: np.zeros(len(x)), np.random.default_rng(1).normal(size=(800, 2)))
+        found = evidence(nowhere, [Identity()], draws, np.random.default_rng(1))
+        assert found.error == math.inf
+        assert not found.trusted
+
+
+class TestAboutModes:
     @pytest.mark.parametrize("dimension", [1, 3, 7])
     def test_a_gaussian_has_its_closed_form(self, dimension):
         known = Gaussian(dimension)
-        rng = np.random.default_rng(1)
         start = (np.ones(dimension), 0.3 * np.eye(dimension))
-        proposal = fit_proposal(known, [None], [start], rng)
-        found = importance_evidence(known, proposal, rng)
+        found, draws = evidence_about_modes(known, [Identity()], [start], np.random.default_rng(1))
         assert found.method == "importance sampling"
-        assert abs(found.log_z - known.log_z) < 4 * found.error
-        assert found.error < 0.01
-        assert found.pareto_k < 0.5
-        assert found.evaluations == proposal.evaluations + 20_000
-
-    def test_the_error_is_the_scatter_of_repetitions(self):
-        known = Gaussian(2)
-        proposal = Proposal(StudentT(np.zeros(2), 2.0 * np.eye(2), 5.0), 0.2, 0)
-        runs = [importance_evidence(known, proposal, np.random.default_rng(seed), draws=1000) for seed in range(200)]
-        z = np.array([(run.log_z - known.log_z) / run.error for run in runs])
-        assert abs(z.mean()) < 0.3
-        assert 0.85 < z.std() < 1.15
-
-    def test_draws_are_those_of_the_posterior(self):
-        known = Gaussian(2)
-        proposal = Proposal(StudentT(np.zeros(2), 2.0 * np.eye(2), 5.0), 0.2, 0)
-        draws = importance_evidence(known, proposal, np.random.default_rng(2)).draws
-        sample = draws.resample(np.random.default_rng(3), 4000)
-        sd = 1 / math.sqrt(1 / 2.0**2 + 1 / 0.5**2)
+        assert abs(found.log_z - known.log_z) < 4 * found.error < 0.04
+        assert found.evaluations > 20_000
+        sample, sd = draws.resample(np.random.default_rng(3), 4000), 1 / math.sqrt(1 / 2.0**2 + 1 / 0.5**2)
         np.testing.assert_allclose(sample.mean(axis=0), sd**2 / 0.5**2, atol=0.04)
         np.testing.assert_allclose(sample.std(axis=0), sd, rtol=0.06)
-        assert draws.weight.sum() == pytest.approx(1.0)
 
     def test_draws_where_the_density_is_zero_count_among_the_draws(self):
         def half_normal(theta):  # integrates to one
             return np.where(theta[:, 0] > 0, stats.norm.logpdf(theta[:, 0]) + math.log(2), -np.inf)
 
-        proposal = Proposal(StudentT(np.zeros(1), np.eye(1), 5.0), 0.5, 0)
-        found = importance_evidence(half_normal, proposal, np.random.default_rng(6))
+        start = (np.array([0.5]), np.eye(1))
+        found, _ = evidence_about_modes(half_normal, [Identity()], [start], np.random.default_rng(6))
         assert abs(found.log_z) < 4 * found.error < 0.05
 
-    def test_a_proposal_beside_the_density_leaves_no_evidence(self):
-        def far(theta):
-            return np.where(theta[:, 0] > 1e9, 0.0, -np.inf)
+    def test_a_mixture_that_misses_a_part_is_not_trusted(self):
+        def ring(theta):  # thin and sharp-edged: no mixture of a dozen bells covers it
+            return -0.5 * ((np.hypot(theta[:, 0], theta[:, 1]) - 6.0) / 0.001) ** 2
 
-        found = importance_evidence(
-            far, Proposal(StudentT(np.zeros(1), np.eye(1), 5.0), 0.0, 0), np.random.default_rng(4)
-        )
-        assert (found.log_z, found.pareto_k, found.ess) == (-math.inf, math.inf, 0.0)
+        start = (np.array([6.0, 0.0]), 1e-6 * np.eye(2))
+        found, _ = evidence_about_modes(ring, [Identity()], [start], np.random.default_rng(9), draws=2000)
+        assert not found.trusted
+
+
+class TestLaplace:
+    def test_a_gaussian_has_its_closed_form_but_no_error(self):
+        covariance = np.array([[2.0, 0.3], [0.3, 0.5]])
+        peak = float(stats.multivariate_normal.logpdf(np.zeros(2), np.zeros(2), covariance))
+        found = laplace_evidence((np.zeros(2), covariance), peak - 3.0)
+        assert found.log_z == pytest.approx(-3.0)
+        assert math.isnan(found.error)
+        assert found.trusted
 
 
 class TestParetoK:
@@ -128,63 +202,21 @@ class TestParetoK:
 class TestNested:
     @pytest.mark.science
     def test_a_gaussian_has_its_closed_form(self):
-        known = Gaussian(2)
-        found = nested_evidence(known.log_likelihood, known.transform, 2, np.random.default_rng(6), live=200)
+        known, told = Gaussian(2), []
+        rng = np.random.default_rng(6)
+        found = nested_evidence(known.log_likelihood, known.transform, 2, rng, live=200, tell=told.append)
         assert found.method == "nested sampling"
         assert abs(found.log_z - known.log_z) < 4 * found.error
         assert 0.02 < found.error < 0.2
-        assert found.draws.resample(np.random.default_rng(7), 2000).mean() == pytest.approx(0.94, abs=0.1)
 
     def test_a_likelihood_that_is_nan_is_refused(self):
         with pytest.raises(SamplingError, match="nested sampling: found ln L = nan"):
             nested_evidence(lambda x: np.full(len(x), np.nan), lambda u: u, 1, np.random.default_rng(1))
 
 
-class TestChoice:
-    @staticmethod
-    def bell(theta):
-        return -0.5 * (theta**2).sum(axis=1)
-
-    @staticmethod
-    def ring(theta):
-        """Thin and sharp-edged: no mixture of a dozen bells covers it."""
-        return -0.5 * ((np.hypot(theta[:, 0], theta[:, 1]) - 6.0) / 0.015) ** 2
-
-    def test_importance_sampling_where_its_weights_are_good(self):
-        start = (np.zeros(2), np.eye(2))
-        found = evidence(FakePosterior(self.bell), [None], [start], np.random.default_rng(8))
-        assert found.method == "importance sampling"
-        assert found.log_z == pytest.approx(math.log(2 * math.pi / 400), abs=0.01)
-
-    @pytest.mark.science
-    @pytest.mark.parametrize(
-        ("draws", "method", "off"),
-        [(20_000, "importance sampling", 0.05), pytest.param(200, "nested sampling", 0.45, marks=pytest.mark.long)],
-    )
-    def test_where_they_are_not_a_mixture_of_the_draws_of_nested_sampling_or_these_alone(self, draws, method, off):
-        start = (np.array([6.0, 0.0]), 1e-4 * np.eye(2))
-        found = evidence(FakePosterior(self.ring), [None], [start], np.random.default_rng(9), draws=draws)
-        assert found.method == method
-        area = math.sqrt(2 * math.pi) * 0.015 * 2 * math.pi * 6.0
-        assert abs(found.log_z - math.log(area / 400)) < min(4 * found.error, off)
-        drawn = found.draws.resample(np.random.default_rng(1), 4000)
-        assert np.hypot(*drawn.T) == pytest.approx(6.0, abs=0.075)
-        assert drawn.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.8)
-
-    def test_without_parameters_the_evidence_is_the_likelihood(self):
-        class Rigid:
-            class prior:
-                names = ()
-
-            def __call__(self, theta):
-                assert theta.shape == (1, 0)
-                return np.array([-16.19])
-
-        for found in (
-            evidence(Rigid(), [], [], np.random.default_rng(1)),
-            nested_evidence(Rigid(), lambda u: u, 0, np.random.default_rng(1)),
-        ):
-            assert (found.log_z, found.error, found.method, found.evaluations) == (-16.19, 0.0, "exact", 1)
+def test_without_parameters_the_evidence_is_the_likelihood():
+    found = constant_evidence(lambda theta: np.full(len(theta), -16.19))
+    assert (found.log_z, found.error, found.method, found.evaluations) == (-16.19, 0.0, "exact", 1)
 
 
 class TestCut:

@@ -67,7 +67,7 @@ def with_coherence(posterior):
 
 def comparison(text=""):
     """A report of two joints, with a text wherever a user may put one."""
-    evidence, joint = Evidence(-3.0, 0.01, 0.2, text or "made up", 100, 50.0), np.array([5e9, 3e7, 1.5e6])
+    evidence, joint = Evidence(-3.0, 0.01, text or "made up", 100), np.array([5e9, 3e7, 1.5e6])
     names = (text or "clamped_beam_frequencies_360mm", "springs_without_coupling_at_the_clamp")
     models = (WeighedModel(name, text or name, "rotation", ("k22",), joint, evidence, ()) for name in names)
     return build_comparison_report(Comparison(tuple(models), 1, text or "frequencies").summary())

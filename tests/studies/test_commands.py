@@ -53,7 +53,7 @@ CHANGE = JointChange((UNCHANGED,), None, -9.0, (), True, "")
 
 @pytest.mark.parametrize(("line", "work", "answer", "code", "said"), [
     ("compare peaks.toml", "studies.compare.compare",
-     jb.Comparison((made_up(-10.0, pareto_k=0.9), made_up(-12.0, "springs")), 1, ""), 3, "NOT TRUSTED"),
+     jb.Comparison((made_up(-10.0, error=0.9), made_up(-12.0, "springs")), 1, ""), 3, "NOT TRUSTED"),
     ("plan case.toml", "studies.plan.plan", Plan((), "Raise max_steps", False), 3, "Raise max_steps"),
     *(("same case.toml case.toml --json --quiet", "studies.same.compare_joints", replace(CHANGE, **wish), code, said)
       for wish, code, said in (({}, 0, '"k22"'), ({"two_log_b": 9.0}, 1, '"k22"'),

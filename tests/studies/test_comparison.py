@@ -48,11 +48,12 @@ def comparison(cases):
     return jb.compare(cases, seed=3)
 
 
-def made_up(log_z, hypothesis="rotation", *, method="importance sampling", pareto_k=0.2, at_edge=()):
+def made_up(log_z, hypothesis="rotation", *, method="bridge sampling", error=0.01, converged=True, at_edge=()):
     """A candidate whose numbers nobody computed."""
-    evidence = Evidence(log_z, 0.01, pareto_k, method, 100, 50.0)
+    evidence = Evidence(log_z, error, method, 100)
     stiffness = np.array([RIGID, 0.0, 2e5])
-    return weigh.WeighedModel("case", "A case", hypothesis, ("k22",), stiffness, evidence, at_edge)
+    model = weigh.WeighedModel("case", "A case", hypothesis, ("k22",), stiffness, evidence, at_edge)
+    return replace(model, converged=converged)
 
 
 # ---- words and probabilities
@@ -145,21 +146,42 @@ def test_candidates_come_case_by_case_and_the_best_is_that_of_the_largest_eviden
     assert comparison.words(comparison.best) == "best"
 
 
-def test_each_search_starts_from_the_modes_of_the_hypotheses_before(cases, monkeypatch):
+def test_each_search_starts_from_the_modes_of_the_joint_with_more_coordinates(cases, monkeypatch):
     known = []
 
     def noted(problem, **options):
-        known.append(problem.known_theta)
+        known.append((problem.names, options["floor"], problem.known_theta))
         return found(problem, **options)
 
     found = weigh.find_map
     monkeypatch.setattr(weigh, "find_map", noted)
     text = frequencies_text(hypotheses=("rotation", "springs"))
     both = jb.compare([jb.case_from_text("short", text)], seed=3).candidates
-    first, second = known
+    (springs, none, first), (rotation, floor, second) = known
+    assert (springs, rotation, none) == (("k11", "k22"), ("k22",), -np.inf)
+    assert floor == pytest.approx(both[1].evidence.log_z - 100, abs=2)
     assert len(second) == len(first) + 1
-    k22 = both[0].stiffness[2]
-    np.testing.assert_allclose(np.exp(second[-1][1]), k22, rtol=1e-6)  # the spring that both have
+    np.testing.assert_allclose(np.exp(second[-1][0]), both[1].stiffness[2], rtol=1e-6)  # the spring that both have
+
+
+def test_a_joint_that_is_out_of_the_question_is_not_drawn_from(monkeypatch):
+    drawn, found = [], weigh.draws_of
+    monkeypatch.setattr(weigh, "draws_of", lambda problem, *more: drawn.append(problem.names) or found(problem, *more))
+    case = jb.case_from_text("short", frequencies_text(hypotheses=("translation", "springs")))
+    translation, springs = jb.compare([case], seed=3).candidates
+    assert drawn == [("k11", "k22")]
+    assert (translation.evidence.method, springs.evidence.method) == ("Laplace", "bridge sampling")
+    assert springs.evidence.log_z - translation.evidence.log_z > 100
+    assert translation.trusted
+
+
+@pytest.mark.science
+def test_nested_sampling_where_asked_agrees_with_the_draws():
+    case = jb.case_from_text("short", frequencies_text(hypotheses=("rotation", "springs")))
+    drawn, nested = (jb.compare([case], seed=3, nested=asked).candidates for asked in (False, True))
+    for one, other in zip(drawn, nested, strict=True):
+        assert other.evidence.method == "nested sampling"
+        assert abs(one.evidence.log_z - other.evidence.log_z) < 4 * other.evidence.error < 1.5
 
 
 @pytest.mark.whole
@@ -231,12 +253,12 @@ def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
     assert weigh.what_differs(cases[:1]) == {"long": "long"}
 
 
-@pytest.mark.parametrize(("method", "pareto_k", "trusted"), [
-    ("importance sampling", 0.69, True), ("importance sampling", 0.71, False), ("importance sampling", np.inf, False),
-    ("nested sampling", np.nan, True),
+@pytest.mark.parametrize(("method", "error", "converged", "trusted"), [
+    ("bridge sampling", 0.49, True, True), ("bridge sampling", 0.51, True, False),
+    ("bridge sampling", 0.1, False, False), ("bridge sampling", np.inf, True, False), ("Laplace", np.nan, True, True),
 ])  # fmt: skip
-def test_an_importance_sample_is_trusted_up_to_a_pareto_k_of_0_7(method, pareto_k, trusted):
-    candidate = made_up(-10.0, method=method, pareto_k=pareto_k)
+def test_an_evidence_is_trusted_up_to_an_error_of_one_half_if_its_draws_converged(method, error, converged, trusted):
+    candidate = made_up(-10.0, method=method, error=error, converged=converged)
     assert (candidate.trusted, jb.Comparison((candidate, made_up(-11.0, "springs")), 1, "").trusted) == (
         trusted,
         trusted,
@@ -294,7 +316,7 @@ def test_the_table_has_the_best_first_and_aligned_columns(comparison):
     lines = table.lines()
     assert len(lines) == 5
     column = lines[0].index("Method")
-    assert {line[column:].split()[0] for line in lines} == {"Method", "importance", "exact"}
+    assert {line[column:].split()[0] for line in lines} == {"Method", "bridge", "exact"}
 
 
 def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(comparison):
@@ -302,10 +324,10 @@ def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(compari
     assert comparison.verdict in report.lead[0].text
     assert report.lead[0].kind == "good"
     log_z = comparison.best.evidence.log_z
-    near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, 0.2, "exact", 1, 1.0))
+    near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, "exact", 1))
     undecided = weigh.build_comparison_report(jb.Comparison((comparison.best, near), 1, "").summary()).lead[0]
     assert (undecided.kind, "Cannot decide" in undecided.text) == ("caution", True)
-    doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.1, 0.9, "importance sampling", 1, 1.0))
+    doubtful = dataclasses.replace(comparison.best, evidence=Evidence(-14.0, 0.9, "bridge sampling", 1))
     report = weigh.build_comparison_report(jb.Comparison((doubtful, comparison.candidates[0]), 1, "").summary())
     assert report.lead[0].kind == "caution"
     assert "error of the evidence is unreliable for: springs in short" in report.lead[1].text

@@ -24,14 +24,25 @@ import numpy as np
 from jointbayes.errors import SamplingError
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import Coordinates, Draws, LogDensity, Proposal, Start, likeliest_mixture
-from jointbayes.sampling.diagnostics import effective_sizes
+from jointbayes.sampling import (
+    Coordinates,
+    Draws,
+    LogDensity,
+    Proposal,
+    Start,
+    WeightedDraws,
+    fit_proposal,
+    likeliest_mixture,
+)
+from jointbayes.sampling.diagnostics import effective_sizes, pareto_k
 from vibrecords.arrays import Array
 
-Method = Literal["exact", "Laplace", "bridge sampling", "nested sampling"]
+Method = Literal["exact", "Laplace", "importance sampling", "bridge sampling", "nested sampling"]
 
 #: Largest standard error of ln Z with which hypotheses are weighed: 2 ln B is then known to less than a grade.
 LARGEST_ERROR = 0.5
+#: Pareto k of importance weights above which their mean is not trusted.
+PARETO_LIMIT = 0.7
 _PROPOSED = 4000  # draws of each mixture
 _FITTED, _HELD_OUT = 6000, 2000  # draws that a mixture is fitted to, and that choose its coordinates, at most
 _COMPONENTS = 12
@@ -53,7 +64,7 @@ class Evidence:
         ln of the evidence.
     error : float
         Monte Carlo standard error of ``log_z``; NaN of Laplace's approximation, which knows none.
-    method : {"exact", "Laplace", "bridge sampling", "nested sampling"}
+    method : {"exact", "Laplace", "importance sampling", "bridge sampling", "nested sampling"}
         How it was found; exact where there is no parameter.
     evaluations : int
         Number of evaluations of the density, those of the posterior draws not included.
@@ -176,6 +187,43 @@ def _bridge(here: Array, weight: Array, worth: float, there: Array, proposed: in
     of_over = proposed * float(over @ over) / over.sum() ** 2 - 1
     of_under = float(weight @ under**2) / float(weight @ under) ** 2 - 1
     return log_r, math.sqrt(of_over / proposed + of_under / worth)
+
+
+@one_blas_thread()
+def evidence_about_modes(
+    log_density: LogDensity,
+    systems: Sequence[Coordinates],
+    starts: Sequence[Start],
+    rng: np.random.Generator,
+    draws: int = 20_000,
+) -> tuple[Evidence, WeightedDraws]:
+    """Evidence of a density of which only modes are known, as the mean weight of draws of a fitted mixture.
+
+    Its error is infinite where the weights' Pareto k is above `PARETO_LIMIT`: the mixture then misses a part.
+
+    Parameters
+    ----------
+    log_density, systems, rng
+        As for `evidence`.
+    starts
+        Place and covariance of each mode, the highest first.
+    draws
+        Number of draws.
+
+    References
+    ----------
+    Geweke, J. (1989). Bayesian inference in econometric models using Monte Carlo integration. Econometrica 57(6),
+    1317-1339. DOI 10.2307/1913710
+    """
+    proposal = fit_proposal(log_density, systems, starts, rng)
+    theta, log_weight = proposal.weighted_draws(log_density, rng, draws)
+    weighted = WeightedDraws(theta, log_weight)
+    log_z, error = -math.inf, math.inf
+    if len(theta):
+        log_z = float(np.logaddexp.reduce(log_weight)) - math.log(draws)
+        if pareto_k(log_weight) <= PARETO_LIMIT:
+            error = math.sqrt(max(1 / weighted.effective - 1 / draws, 0.0))
+    return Evidence(log_z, error, "importance sampling", proposal.evaluations + draws), weighted
 
 
 def nested_evidence(

@@ -22,18 +22,19 @@ from jointbayes.joint.blocks import Block, Blocks
 from jointbayes.joint.quantities import prefixed
 from jointbayes.phrases import listed, not_converged
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.evidence import LARGEST_ERROR, evidence
+from jointbayes.posterior.evidence import evidence_about_modes
 from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
 from jointbayes.structure.recipe import is_damping
-from jointbayes.workflow import draws_of, find_map
+from jointbayes.workflow import find_map
 from vibrecords.arrays import Array
 
 _TESTS = ("before", "new")
 _MODES, _DRAWS = 3, 4000
 _CHANGE_SD = math.log(2.0) / 1.96  # of each coordinate of the joint: a factor of two either way in 95 %
 _NODES = 1000  # of the prior over which that of a change is normalised
+_FEWEST = 400.0  # effective draws from which intervals are printed
 _UNKNOWN = 4.0  # upper over lower end of a ratio, from which on a change by a factor of 2 would not show
 
 
@@ -160,20 +161,21 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     own, shared, premises = _together(before, new)
     one = find_map(shared, seed=seed, progress=progress)
     two = find_map(own, np.tile(one.values, 2), seed=seed, progress=progress)
-    rng, chains, found = np.random.default_rng([seed, 5]), [], []
+    rng, found = np.random.default_rng([seed, 5]), []
     for problem, estimate in ((shared, one), (own, two)):
-        chains.append(draws_of(problem, estimate, seed, progress))
-        found.append(evidence(problem.log_posterior, coordinate_systems(problem), chains[-1].draws(), rng))
+        starts = estimate.starts_for_draws
+        found.append(evidence_about_modes(problem.log_posterior, coordinate_systems(problem), starts, rng))
     # 2. Evidences, that of a joint each with changes of a likely size
-    theta = chains[1].draws().theta.reshape(-1, len(own.names))
-    likely = float(np.logaddexp.reduce(_log_prior_of_change(own, theta))) - math.log(len(theta))
-    table = EvidenceTable({"one joint": found[0].log_z, "a joint each": found[1].log_z + likely})
-    error = max(z.error for z in found)
-    reasons = [drawn.reason for drawn in chains if not drawn.converged]
-    if error > LARGEST_ERROR:
-        reasons.append(f"the error of ln Z is {error:.2g}, more than {LARGEST_ERROR:g}")
+    (z_one, draws_of_one), (z_two, draws) = found
+    if not len(draws.theta):
+        raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
+    likely = float(np.logaddexp.reduce(np.log(draws.weight) + _log_prior_of_change(own, draws.theta)))
+    table = EvidenceTable({"one joint": z_one.log_z, "a joint each": z_two.log_z + likely})
+    fewest, error = min(draws_of_one.effective, draws.effective), max(z_one.error, z_two.error)
+    trusted = z_one.trusted and z_two.trusted and fewest >= _FEWEST
+    reason = f"{fewest:.0f} effective draws of at least {_FEWEST:.0f}, standard error of ln Z {error:.2g}"
     # 3. The change of each stiffness, and of the natural frequency that shows it best
-    theta = rng.permutation(theta)[:_DRAWS]
+    theta = draws.resample(rng, _DRAWS)
     values, half = own.prior.values(theta), len(before.quantities)
     of_joint = [(i, q) for i, q in enumerate(before.quantities) if q.places]
     each = [Change.of(q.name, q.unit, values[:, i], values[:, half + i]) for i, q in of_joint]
@@ -181,8 +183,7 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     each.sort(key=lambda k: -k.clarity if two_log_b > STRONG else (k.unit != "1") + k.high95 - k.low95)
     if two.effort is not None and not two.effort.explains:
         premises = (*premises, "The model does not explain the data: what it lacks may look like a change.")
-    effect, reason = _effect(own, theta), "; ".join(reasons)
-    return JointChange(tuple(each), effect, two_log_b, premises, not reasons, reason)
+    return JointChange(tuple(each), _effect(own, theta), two_log_b, premises, trusted, reason)
 
 
 def _log_prior_of_change(own: Problem, theta: Array) -> Array:
