@@ -18,7 +18,7 @@ ROOMS = {
     "structure": (3300, 3940),
     "joint": (1200, 1430),
     "frf": (2000, 2060),
-    "inference": (2500, 2690),
+    "inference": (2500, 2725),
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
     "posterior": (3700, 4990),

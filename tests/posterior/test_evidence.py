@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 from scipy.special import ndtri
 
 import jointbayes as jb
@@ -120,28 +121,30 @@ class TestBridge:
         assert found.trusted
 
     @pytest.mark.science
-    @pytest.mark.parametrize("repeated", [0, 2500])
-    @pytest.mark.parametrize("name", KNOWN)
+    @pytest.mark.parametrize(("name", "repeated"), [*((name, 0) for name in KNOWN), ("seven", 2500), ("modes", 2500)])
     def test_the_error_is_the_scatter_of_repetitions(self, name, repeated):
-        runs = [found_from(name, seed, repeated=repeated) for seed in range(40)]
+        runs = [found_from(name, seed, repeated=repeated) for seed in range(20)]
         z = np.array([(run.log_z - OFF) / run.error for run in runs])
         assert abs(z.mean()) < 0.6
-        assert 0.65 < np.sqrt((z**2).mean()) < 1.3
+        assert 0.6 < np.sqrt((z**2).mean()) < 1.35
 
     def test_repeated_draws_do_not_make_the_mixture_too_narrow(self):
         off = [found_from("seven", seed, repeated=1500).log_z - OFF for seed in range(6)]
         assert abs(np.mean(off)) < 0.05
 
-    def test_correlated_draws_have_a_larger_error(self):
+    @pytest.mark.science
+    def test_the_error_of_correlated_draws_is_the_scatter_of_repetitions(self):
         density, _, coordinates = KNOWN["gaussian"]
-        rng = np.random.default_rng(3)
-        steps = np.empty((4, 2000, 2))
-        steps[:, 0] = rng.normal(size=(4, 2))
-        for step in range(1, 2000):  # τ of 39
-            steps[:, step] = 0.95 * steps[:, step - 1] + math.sqrt(1 - 0.95**2) * rng.normal(size=(4, 2))
-        slow = evidence(density, [coordinates], draws_from(density, steps.reshape(-1, 2)), rng)
-        assert slow.error > 2 * found_from("gaussian", 1).error
-        assert abs(slow.log_z) < 4 * slow.error
+        z, errors = [], []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            noise = math.sqrt(1 - 0.95**2) * rng.normal(size=(4, 2200, 2))
+            theta = lfilter([1.0], [1.0, -0.95], noise, axis=1)[:, 200:].reshape(-1, 2)  # τ = 39
+            found = evidence(density, [coordinates], draws_from(density, theta), rng)
+            z.append(found.log_z / found.error)
+            errors.append(found.error)
+        assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+        assert np.mean(errors) > 1.3 * found_from("gaussian", 1).error
 
     def test_a_mixture_that_is_never_where_the_density_is_has_no_error_that_is_trusted(self):
         def nowhere(theta):
@@ -210,7 +213,7 @@ class TestNested:
         assert 0.02 < found.error < 0.2
 
     def test_a_likelihood_that_is_nan_is_refused(self):
-        with pytest.raises(SamplingError, match="nested sampling: found ln L = nan"):
+        with pytest.raises(SamplingError, match="log-density: found nan"):
             nested_evidence(lambda x: np.full(len(x), np.nan), lambda u: u, 1, np.random.default_rng(1))
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jointbayes.case.case import load_case
-from jointbayes.studies.compare import compare, hypothesis_problem
+from jointbayes.inference import hypothesis_problem
+from jointbayes.studies.compare import compare
 from tests.conftest import CONFIGS, on_paper_elements
 
 pytestmark = pytest.mark.science

@@ -5,9 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
+from jointbayes.inference import hypothesis_problem
 from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign import read_cases
-from jointbayes.studies.compare import hypothesis_problem, require_same_data
+from jointbayes.studies.compare import require_same_data
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages

@@ -21,7 +21,6 @@ from typing import Literal
 
 import numpy as np
 
-from jointbayes.errors import SamplingError
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
@@ -34,6 +33,7 @@ from jointbayes.sampling import (
     fit_proposal,
     likeliest_mixture,
 )
+from jointbayes.sampling.density import Checked
 from jointbayes.sampling.diagnostics import effective_sizes, pareto_k
 from vibrecords.arrays import Array
 
@@ -265,7 +265,7 @@ def nested_evidence(
     """
     import dynesty
 
-    calls, told = 0, time.monotonic()
+    checked, calls, told = Checked(log_likelihood), 0, time.monotonic()
 
     def bounded_log_likelihood(theta: Array) -> float:
         nonlocal calls, told
@@ -273,13 +273,7 @@ def nested_evidence(
         if time.monotonic() > told + _EVERY_S:
             told = time.monotonic()
             tell(Progress("nested sampling", f"{calls} evaluations"))
-        value = float(log_likelihood(theta[None])[0])
-        if not value < math.inf:
-            raise SamplingError(
-                f"nested sampling: found ln L = {value} at θ = {theta.tolist()}; expected a finite number, or −inf "
-                "where the data are impossible; correct the likelihood"
-            )
-        return max(value, _IMPOSSIBLE)
+        return max(float(checked(theta[None])[0]), _IMPOSSIBLE)
 
     sampler = dynesty.NestedSampler(
         bounded_log_likelihood, lambda u: prior_transform(u[None])[0], dimension, nlive=live, sample="rwalk", rstate=rng

@@ -12,8 +12,8 @@ import numpy as np
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import JointPrior, Marginal, Problem, Uniform
-from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, Parametrisation, Quantity, joint_under_hypothesis
+from jointbayes.inference import JointPrior, Problem, hypothesis_problem
+from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, Quantity
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.phrases import listed
 from jointbayes.posterior import data_sha256, package_versions
@@ -422,55 +422,6 @@ class Comparison:
 _OUT_OF_QUESTION = 100.0  # ln Z below the best by Laplace's approximation: such a hypothesis is not drawn from
 _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
-
-
-def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
-    """The problem with the joint of a hypothesis; priors of what stays free are as they were.
-
-    Couplings that the problem does not know have coefficients between −1 and 1, all equally probable.
-
-    Parameters
-    ----------
-    problem
-        Problem with the full joint.
-    hypothesis
-        One of `HYPOTHESES`.
-
-    Raises
-    ------
-    ModelError
-        If there is no such hypothesis, or the joint cannot be so.
-    """
-    if hypothesis not in HYPOTHESES:
-        raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    simpler = joint_under_hypothesis(problem.parametrisation, hypothesis)
-    marginal_by_name: dict[str, Marginal] = {}
-    there = _places(problem.parametrisation)
-    for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):
-        marginal_by_name |= dict.fromkeys((axis.name, axis.quantity, there[axis.quantity]), marginal)
-    here, marginals = _places(simpler), []
-    for axis in simpler.axes:
-        # a coordinate that the joint has itself keeps its prior; a spring has that of what stands for it or its place
-        names = (axis.name, axis.quantity, here[axis.quantity])
-        inherited = next((marginal_by_name[name] for name in names if name in marginal_by_name), None)
-        marginals.append(inherited or Uniform(*axis.bounds))
-    prior = replace(problem.prior, parametrisation=simpler, marginals=tuple(marginals))
-    return replace(problem, prior=prior, initial=_initial(problem, here))
-
-
-def _initial(problem: Problem, here: dict[str, str]) -> Array | None:
-    """First guess of the quantities that stand at these places, 0 of a coupling that the problem does not know."""
-    if problem.initial is None:
-        return None
-    there = _places(problem.parametrisation)
-    pairs = list(zip(there, np.asarray(problem.initial, dtype=float).tolist(), strict=True))
-    guess = {there[name]: k for name, k in pairs} | dict(pairs)
-    return np.array([guess.get(name, guess.get(place, 0.0)) for name, place in here.items()])
-
-
-def _places(parametrisation: Parametrisation) -> dict[str, str]:
-    """What each quantity does and where, by its name, as a text."""
-    return {quantity.name: f"{quantity.role} {quantity.places}" for quantity in parametrisation.quantities}
 
 
 @one_blas_thread()
