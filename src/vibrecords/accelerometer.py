@@ -13,7 +13,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Indices, quantity_factor
 from vibrecords.data import FrfData
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.frf_set import FrfSet
 
 _STEP = 1e-6  # of the largest receptance of a line, in differences of a function that is smooth
@@ -101,10 +101,9 @@ def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
     for row, column in ((output, input_), (input_, output)):
         if row in frf.outputs and column in frf.inputs:
             return frf.outputs.index(row), frf.inputs.index(column)
-    raise MeasurementError(
-        f"accelerometer mass: found no FRF of {output} over a force at {input_}; expected it, to take the mass at "
-        f"{input_} out of the data; measure it, or put the mass into the model: structure.accelerometer_mass_g"
-    )
+    found = f"no FRF of {output} over a force at {input_}"
+    remedy = "measure it, or put the mass into the model: structure.accelerometer_mass_g"
+    raise refusal("accelerometer mass", found, f"it, to take the mass at {input_} out of the data", remedy)
 
 
 def _propagate(correction: Callable[[ComplexArray], ComplexArray], values: ComplexArray, variance: Array) -> Array:

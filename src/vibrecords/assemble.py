@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrecords.accelerometer import remove_accelerometers
 from vibrecords.data import Data, FrequencyData, FrfData
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats.channel_units import restate_history
 from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from vibrecords.formats.read import iter_records
@@ -116,8 +116,7 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
     """
     where = "noise from repeats"
     if len(frfs) < 2:
-        found, expected = f"found {len(frfs)} measurement", "two or more"
-        raise MeasurementError.of(where, (), found, expected, "repeat it, or state the noise")
+        raise refusal(where, f"{len(frfs)} measurement", "two or more", "repeat it, or state the noise")
     first = frfs[0]
     for number, other in enumerate(frfs[1:], 2):
         others = {
@@ -127,14 +126,14 @@ def mean_of_repeats(frfs: Sequence[FrfSet], least: RelativeNoise | None = None) 
         }
         if any(others.values()):
             what = " and ".join(what for what, differs in others.items() if differs)
-            found = f"found other {what} in measurement {number} than in the first"
-            raise MeasurementError(f"{where}: {found}; expected the same; leave it out or bring it to the same")
+            found = f"other {what} in measurement {number} than in the first"
+            raise refusal(where, found, "the same", "leave it out or bring it to the same")
     values = np.stack([frf.values for frf in frfs])
     m, mean = len(frfs), values.mean(axis=0)
     scatter = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
     if not scatter.any():
-        found, remedy = f"found {m} measurements that are the same to the last digit", "do not repeat one file"
-        raise MeasurementError.of(where, (), found, "independent ones, which differ by their noise", remedy)
+        found = f"{m} measurements that are the same to the last digit"
+        raise refusal(where, found, "independent ones, which differ by their noise", "do not repeat one file")
     counts = [frf.averages for frf in frfs if frf.averages is not None]
     combined = replace(first, values=mean, coherence=None, averages=sum(counts) if len(counts) == m else None)
     variance = scatter if least is None else np.maximum(scatter, least.variance_of_accelerance(combined))
@@ -263,7 +262,7 @@ def _fingerprint(path: Path, name: str) -> MeasuredFile:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*") if p.is_file()], 1, 0.6)
         actual = "a directory" if path.is_dir() else "no such file"
         remedy = f'did you mean "{near[0]}"?' if near else "names of files count from the directory of the case file"
-        raise MeasurementError(f"data.file: {name}: found {actual}; expected a measurement file; {remedy}")
+        raise refusal(f"data.file: {name}", actual, "a measurement file", remedy)
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return MeasuredFile(name, path.stat().st_size, digest)
@@ -332,10 +331,9 @@ def _apply_quantity(
         if record.factor is None and plan.frequencies is None and not plan.free_gain:
             readings = " or ".join(two_readings(record.unit) or ())
             what = f"which can be {readings}" if readings else "no motion over a force in SI units"
-            found = f'found the unit "{record.unit}", {what}'
             expected = 'the units of response and force: unit = "g" and, of volts, sensitivity in [data.channels]'
             remedy = 'or kind = "measured_frequencies", or [uncertain.gain]'
-            raise MeasurementError.of(_place(record, where), (), found, expected, remedy)
+            raise refusal(_place(record, where), f'the unit "{record.unit}", {what}', expected, remedy)
     return stated, list(contradicted.values())
 
 
@@ -352,14 +350,12 @@ def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> 
     most = max(counts.values())
     if most > 1 and not allowed:
         pair = max(counts, key=lambda p: counts[p])
-        raise MeasurementError(
-            f"{_place(by_pair[pair][1], where)}: found another FRF of {pair[0]} over {pair[1]}; expected each once; "
-            'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
-        )
+        remedy = 'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
+        raise refusal(_place(by_pair[pair][1], where), f"another FRF of {pair[0]} over {pair[1]}", "each once", remedy)
     for pair, count in counts.items():
         if count != most:
-            found = f"found {count} FRFs of {pair[0]} over {pair[1]} and {most} of others"
-            raise MeasurementError.of(where, (), found, "as many repetitions of each", "leave the surplus out")
+            found = f"{count} FRFs of {pair[0]} over {pair[1]} and {most} of others"
+            raise refusal(where, found, "as many repetitions of each", "leave the surplus out")
     return [list(group) for group in zip(*by_pair.values(), strict=True)]
 
 
@@ -381,8 +377,7 @@ def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode
 def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:
     wanted = plan.modes or max(len(modes), 1)
     if len(modes) < wanted:
-        found, expected = f"found {len(modes)} modes", f"at least {wanted}"
-        raise MeasurementError.of(where, (), found, expected, "lower data.modes or widen the band")
+        raise refusal(where, f"{len(modes)} modes", f"at least {wanted}", "lower data.modes or widen the band")
     frequency, fitted = np.array([(mode.frequency_hz, mode.frequency_sd_hz) for mode in modes[:wanted]]).T
     return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vibrecords.arrays import Array, Lines, Quantity, convert_fields, quantity_factor
-from vibrecords.errors import MeasurementError, read_only
+from vibrecords.errors import MeasurementError, read_only, refusal
 from vibrecords.frf_set import FrfSet
 from vibrecords.labels import list_labels
 from vibrecords.provenance import Provenance
@@ -153,10 +153,9 @@ class FrfData(Data):
     def __post_init__(self) -> None:
         object.__setattr__(self, "variance", read_only(self.variance))
         if self.variance.shape != self.frf.values.shape:
-            found, expected = f"found a variance of shape {self.variance.shape}", str(self.frf.values.shape)
-            raise MeasurementError.of("noise", (), found, expected)
+            raise refusal("noise", f"a variance of shape {self.variance.shape}", str(self.frf.values.shape))
         if not (np.isfinite(self.variance).all() and (self.variance > 0).all()):
-            raise MeasurementError("noise: found an impossible variance; expected all above 0; raise the noise floor")
+            raise refusal("noise", "an impossible variance", "all above 0", "raise the noise floor")
 
     @classmethod
     def of_arrays(
@@ -218,8 +217,7 @@ class FrfData(Data):
             If there are fewer than two lines.
         """
         if self.frf.n_lines < 2:
-            found, expected = f"found {self.frf.n_lines} line, at {self.top_hz:g} Hz", "two or more"
-            raise MeasurementError.of("FRFs", (), found, expected, "widen the band")
+            raise refusal("FRFs", f"{self.frf.n_lines} line, at {self.top_hz:g} Hz", "two or more", "widen the band")
 
     def converted(self, quantity: Quantity) -> "FrfData":
         """The same as receptance, mobility or accelerance."""
@@ -238,8 +236,8 @@ class FrfData(Data):
         low, high = np.array(bands_hz).T
         inside = ((lines >= low) & (lines <= high)).any(axis=1)
         if inside.all() or not inside.any():
-            found, expected = f"found {inside.sum()} of {inside.size} lines in the bands", "some, but not all"
-            raise MeasurementError.of("left out", (), found, expected, "correct the bands")
+            found = f"{inside.sum()} of {inside.size} lines in the bands"
+            raise refusal("left out", found, "some, but not all", "correct the bands")
         return self.at_lines(~inside), self.at_lines(inside)
 
     def at_lines(self, lines: Lines) -> "FrfData":
@@ -335,8 +333,7 @@ class FrequencyData(ModalData):
                 "natural frequencies: expected a list of at least one, and as many standard deviations as frequencies"
             )
         if not (np.isfinite(self.frequency_hz).all() and (np.diff(self.frequency_hz, prepend=0.0) > 0).all()):
-            found, expected = f"found {self.frequency_hz.tolist()} Hz", "rising ones above 0"
-            raise MeasurementError.of("natural frequencies", (), found, expected, "sort them")
+            raise refusal("natural frequencies", f"{self.frequency_hz.tolist()} Hz", "rising ones above 0", "sort them")
         if not (np.isfinite(self.sd_hz).all() and (self.sd_hz > 0).all()):
             found, expected = f"found standard deviations {self.sd_hz.tolist()} Hz", "all above 0"
             raise MeasurementError.of("natural frequencies", ("sd_hz",), found, expected, "correct them")

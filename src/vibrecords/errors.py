@@ -75,6 +75,11 @@ class MeasurementError(UserError):
     """Measured data are malformed, inconsistent or not usable."""
 
 
+def refusal(where: object, found: object, expected: object, remedy: object = "") -> MeasurementError:
+    """Return the error to raise: where: found this; expected that; what to do."""
+    return MeasurementError.of(f"{where}", (), f"found {found}", f"{expected}", f"{remedy}")
+
+
 class WriteError(UserError):
     """A file cannot be written: no room, no permission, or something else is there."""
 

@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, OverFrequency, Quantity, convert_fields, quantity_factor
-from vibrecords.errors import MeasurementError, read_only, require_one_of
+from vibrecords.errors import MeasurementError, read_only, refusal, require_one_of
 from vibrecords.labels import list_labels
 from vibrecords.notebook_view import frf_svg, table_html
 
@@ -70,22 +70,21 @@ class FrfSet(OverFrequency):
     def _check_values(self) -> None:
         shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))
         if self.values.shape != shape:
-            found, expected = f"found values of shape {self.values.shape}", f"{shape} (lines, outputs, inputs)"
-            raise MeasurementError.of("FRF set", (), found, expected)
+            raise refusal("FRF set", f"values of shape {self.values.shape}", f"{shape} (lines, outputs, inputs)")
         if not np.isfinite(self.values).all():
             line, output, _ = np.argwhere(~np.isfinite(self.values))[0]
-            found = f"found NaN or infinity at {self.frequency_hz[line]:g} Hz, output {self.outputs[output]!r}"
-            raise MeasurementError.of("FRF set", (), found, "finite numbers", "drop or repair the line")
+            found = f"NaN or infinity at {self.frequency_hz[line]:g} Hz, output {self.outputs[output]!r}"
+            raise refusal("FRF set", found, "finite numbers", "drop or repair the line")
         for labels in (self.outputs, self.inputs):
             if len(set(labels)) != len(labels):
-                raise MeasurementError(f"FRF set: found DOFs {labels}; expected each label once")
+                raise refusal("FRF set", f"DOFs {labels}", "each label once")
         require_one_of(get_args(Quantity), self.quantity, "FRF set", "quantity ")
         if self.coherence is not None and (
             self.coherence.shape != shape or not ((self.coherence >= 0) & (self.coherence <= 1)).all()
         ):
             raise MeasurementError(f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it, or drop it")
         if self.averages is not None and not (isinstance(self.averages, Integral) and self.averages >= 1):
-            raise MeasurementError(f"FRF set: found {self.averages} averages; expected 1 or more")
+            raise refusal("FRF set", f"{self.averages} averages", "1 or more")
 
     @property
     def n_lines(self) -> int:
@@ -125,20 +124,18 @@ def require_lines(frequency_hz: Array, where: str) -> None:
         Naming the first line that is wrong.
     """
     if frequency_hz.ndim != 1 or frequency_hz.size == 0:
-        raise MeasurementError(f"{where}: found no frequency lines; expected a one-dimensional array of at least one")
+        raise refusal(where, "no frequency lines", "a one-dimensional array of at least one")
     broken, low = np.flatnonzero(~np.isfinite(frequency_hz)), frequency_hz[frequency_hz <= 0]
     if broken.size:
-        found, expected = f"found frequency {frequency_hz[broken[0]]} at line {broken[0] + 1}", "finite frequencies"
-        raise MeasurementError.of(where, (), found, expected, "repair the file")
+        found = f"frequency {frequency_hz[broken[0]]} at line {broken[0] + 1}"
+        raise refusal(where, found, "finite frequencies", "repair the file")
     if low.size:
-        found, expected = f"found a line at {low[0]:g} Hz", "lines above 0 Hz"
-        raise MeasurementError.of(where, (), found, expected, "drop it, or cut it away with f_min_hz")
+        raise refusal(where, f"a line at {low[0]:g} Hz", "lines above 0 Hz", "drop it, or cut it away with f_min_hz")
     backwards = np.flatnonzero(np.diff(frequency_hz) <= 0)
     if backwards.size:
         i = int(backwards[0])
-        found = f"found {frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2})"
-        expected = "strictly increasing frequencies"
-        raise MeasurementError.of(where, (), found, expected, "sort the lines and drop doubled ones")
+        found = f"{frequency_hz[i + 1]:g} Hz after {frequency_hz[i]:g} Hz (line {i + 2})"
+        raise refusal(where, found, "strictly increasing frequencies", "sort the lines and drop doubled ones")
 
 
 def _position(labels: tuple[str, ...], label: str) -> int:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from vibrecords.arrays import Quantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from vibrecords.provenance import ChannelUse, Role
 from vibrecords.records import CoherenceRecord, FrfRecord, Record, SpectrumRecord, coherence_on
@@ -148,16 +148,14 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         values = record.values if factor == 1 else factor * record.values
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
     if spectra and not labels:
-        found = f"found no FRF, but {len(spectra)} spectra ({', '.join(spectra[:3])})"
-        expected, remedy = "an FRF", "export it, or divide the cross spectrum by the auto spectrum of the force"
-        raise MeasurementError.of(where, (), found, expected, remedy)
+        remedy = "export it, or divide the cross spectrum by the auto spectrum of the force"
+        raise refusal(where, f"no FRF, but {len(spectra)} spectra ({', '.join(spectra[:3])})", "an FRF", remedy)
     if not labels:
-        raise MeasurementError(f"{where}: found no FRF; expected one; for time histories add a table [data.records]")
+        raise refusal(where, "no FRF", "one", "for time histories add a table [data.records]")
     require_channels(channels, labels, where)
     if not kept:
-        found = "found no FRF whose response and force are both in [data.channels]"
-        expected, remedy = "both", f"map the other channel of {' and '.join(channels)} as well"
-        raise MeasurementError.of(where, (), found, expected, remedy)
+        found = "no FRF whose response and force are both in [data.channels]"
+        raise refusal(where, found, "both", f"map the other channel of {' and '.join(channels)} as well")
     _refuse_doubles(uses.values(), where)
     kept = _with_coherences(kept, pairs, apart, where)
     used = {label for label, _ in uses}
@@ -175,8 +173,8 @@ def _with_coherences(
     counts = Counter(pairs)
     for pair, of_pair in waiting.items():
         if pair in counts and counts[pair] != len(of_pair):
-            found = f"found {len(of_pair)} coherences of {pair[0]} over {pair[1]} and {counts[pair]} FRFs"
-            raise MeasurementError.of(where, (), found, "as many", "leave the surplus out")
+            found = f"{len(of_pair)} coherences of {pair[0]} over {pair[1]} and {counts[pair]} FRFs"
+            raise refusal(where, found, "as many", "leave the surplus out")
     each = [waiting[pair].pop(0) if pair in waiting else None for pair in pairs]
     return [_with_coherence(f, c, where) if c and f.coherence is None else f for f, c in zip(frfs, each, strict=True)]
 
@@ -196,8 +194,8 @@ def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:
         by_dof[use.role, use.dof].append(use.channel)
     for (role, dof), labels in by_dof.items():
         if len(labels) > 1:
-            found = f"found {role} channels {' and '.join(labels)} for the one DOF {dof}"
-            raise MeasurementError.of(where, (), found, "one channel for it", "take one of them out of [data.channels]")
+            found = f"{role} channels {' and '.join(labels)} for the one DOF {dof}"
+            raise refusal(where, found, "one channel for it", "take one of them out of [data.channels]")
 
 
 @dataclass(frozen=True, slots=True)

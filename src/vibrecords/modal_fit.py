@@ -11,7 +11,7 @@ import scipy.ndimage
 
 from vibrecords.arrays import Array, Band, ComplexArray, Flags, Indices, Quantity, quantity_factor
 from vibrecords.driven import driven_lines
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.frf_set import FrfSet
 from vibrecords.modal_doubt import DoubtfulMode, PoleReview
 from vibrecords.modal_problem import ModalProblem, polynomial_poles, steady_poles
@@ -167,9 +167,9 @@ def _finite_numbers() -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except (ValueError, ArithmeticError) as error:
-        found = f"found FRFs that no modes can be fitted to ({' '.join(str(error).split())})"
-        expected, remedy = "those of a structure", "look at the values, or choose another band"
-        raise MeasurementError.of("modal fit", (), found, expected, remedy) from None
+        found = f"FRFs that no modes can be fitted to ({' '.join(str(error).split())})"
+        expected = "those of a structure"
+        raise refusal("modal fit", found, expected, "look at the values, or choose another band") from None
 
 
 def _fit_bands(frf: FrfSet, variance: Array | None, band_hz: Band, max_order: int = 40) -> list["_PoleFit"]:
@@ -259,11 +259,11 @@ def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: Band) -> Flags:
     inside = np.asarray((frf.frequency_hz >= (low or 0.0)) & (frf.frequency_hz <= (high or np.inf)))
     if (n_lines := int(inside.sum())) < _FEWEST_LINES:
         band = "" if low is high is None else f" between {low or 0:g} and {high or frf.frequency_hz[-1]:g} Hz"
-        found, expected = f"found {n_lines} lines{band}", f"{_FEWEST_LINES} or more"
-        raise MeasurementError.of("modal fit", (), found, expected, "widen the band or refine lines")
+        found = f"{n_lines} lines{band}"
+        raise refusal("modal fit", found, f"{_FEWEST_LINES} or more", "widen the band or refine lines")
     if variance is not None and (variance.shape != frf.values.shape or not (variance > 0).all()):
-        found, expected = f"found a variance of shape {variance.shape}", f"positive numbers of shape {frf.values.shape}"
-        raise MeasurementError.of("modal fit", (), found, expected, "correct it")
+        found = f"a variance of shape {variance.shape}"
+        raise refusal("modal fit", found, f"positive numbers of shape {frf.values.shape}", "correct it")
     return inside
 
 

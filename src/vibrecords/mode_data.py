@@ -10,7 +10,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, Flags, convert_fields
 from vibrecords.data import FrfData, Match, ModalData
-from vibrecords.errors import MeasurementError, array_of, printable, read_only
+from vibrecords.errors import MeasurementError, array_of, printable, read_only, refusal
 from vibrecords.provenance import Provenance
 
 _WIDEST = 1e100  # of a value: squares stay finite
@@ -496,6 +496,5 @@ def split_modes(data: ModalData, numbers: Sequence[int]) -> tuple[ModeData, Mode
     apart = np.isin(table.numbers, numbers)
     if apart.all() or not set(numbers) <= set(table.numbers):
         wanted, measured = (", ".join(map(str, some)) for some in (numbers, table.numbers))
-        found, expected = f"found modes {wanted}", f"some of {measured}, but not all"
-        raise MeasurementError.of("left out", (), found, expected, "correct the numbers")
+        raise refusal("left out", f"modes {wanted}", f"some of {measured}, but not all", "correct the numbers")
     return table.some(~apart), replace(table.some(apart), zeros=None)

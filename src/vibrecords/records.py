@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, ComplexArray, Flags, OverFrequency, Quantity, SensorQuantity, convert_fields
-from vibrecords.errors import MeasurementError, read_only, require_at_most
+from vibrecords.errors import MeasurementError, read_only, refusal, require_at_most
 
 #: Nothing measured has a larger number in SI units or the inverse of it, and no line is higher or at the inverse, Hz.
 #: Squares and products of what is within stay finite.
@@ -209,8 +209,8 @@ def coherence_on(lines: Array, coherence: CoherenceRecord, where: str) -> Array:
     """
     others = coherence.frequency_hz
     if others.shape != lines.shape or not np.allclose(others, lines, rtol=1e-6, equal_nan=True):
-        found = f"found a coherence of {others.size} lines that are not the {lines.size} of the FRF in {where}"
-        raise MeasurementError.of(coherence.where, (), found, "the same lines", "export again")
+        found = f"a coherence of {others.size} lines that are not the {lines.size} of the FRF in {where}"
+        raise refusal(coherence.where, found, "the same lines", "export again")
     return coherence.values
 
 
@@ -265,8 +265,8 @@ def reading_package(name: str, what: str, otherwise: str) -> Any:  # noqa: ANN40
     try:
         return import_module(name.lower())
     except ImportError:
-        found, remedy = f"content: found {what}", f"pip install jointbayes[files], or {otherwise}"
-        raise MeasurementError(f"{found}; expected the package {name}, which reads it; {remedy}") from None
+        expected = f"the package {name}, which reads it"
+        raise refusal("content", what, expected, f"pip install jointbayes[files], or {otherwise}") from None
 
 
 @contextmanager
@@ -284,7 +284,7 @@ def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 8
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:most] or type(error).__name__
-        raise MeasurementError(f"{where}: found {part} that cannot be read ({reason}); expected {expected}") from None
+        raise refusal(where, f"{part} that cannot be read ({reason})", expected) from None
 
 
 @np.errstate(all="ignore")  # a file may hold any number
@@ -301,8 +301,7 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
         If there are fewer than two instants, or they are not evenly spaced: with the largest gap.
     """
     if time.size < 2 or not np.isfinite(time).all():
-        found, expected = "found fewer than two instants, or one that is no number", "a column of time"
-        raise MeasurementError.of(where, (), found, expected, "correct it")
+        raise refusal(where, "fewer than two instants, or one that is no number", "a column of time", "correct it")
     steps, count = np.diff(time), np.arange(time.size)
     step = (time[-1] - time[0]) / (time.size - 1)
     fits = told is not None and abs(told * step - 1) < 1e-3
@@ -316,8 +315,8 @@ def even_rate(time: Array, where: str, told: float | None = None) -> float:
                 return rate
     usual, widest = float(np.median(steps)), int(np.argmax(np.abs(steps - np.median(steps))))
     gap = f"a step of {steps[widest]:.4g} s behind {time[widest]:.6g} s, where most are {usual:.4g} s"
-    found, expected = f"found instants that are not evenly spaced: {gap}", "one sampling rate"
-    raise MeasurementError.of(where, (), found, expected, "cut the record there, or resample it")
+    found = f"instants that are not evenly spaced: {gap}"
+    raise refusal(where, found, "one sampling rate", "cut the record there, or resample it")
 
 
 def half_a_digit(values: Array) -> Array:

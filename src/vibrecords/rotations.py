@@ -16,7 +16,7 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.data import FrfData
-from vibrecords.errors import MeasurementError, require_one_of
+from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.frf_set import FrfSet
 from vibrecords.labels import direction_of, rotation_sign
 
@@ -135,10 +135,10 @@ def replace_stations(measured: FrfData, rotations: Sequence[Rotation]) -> FrfDat
         _require(frf, rotation)
         for station in (s for s, w in zip(rotation.stations, rotation.weights, strict=True) if w != 0):
             if station in used:
-                found = f"found station {station} in {used[station]} as well"
+                found = f"station {station} in {used[station]} as well"
                 expected = "each station once in the likelihood, since rotations from one station are not independent"
                 remedy = "leave the stations themselves in the likelihood instead (in_likelihood = false)"
-                raise MeasurementError(f"rotation {rotation.dof}: {found}; expected {expected}; {remedy}")
+                raise refusal(f"rotation {rotation.dof}", found, expected, remedy)
             used[station] = rotation.dof
         rows = [frf.outputs.index(s) for s in rotation.stations]
         values.append(rotation.compute_frf(frf).values)
@@ -183,18 +183,17 @@ def joint_frf_set(
             _require(frf, by_dof[dof])
             columns.append(by_dof[dof].compute_frf(frf).values)
         else:
+            found = f"no FRF of {dof}, a DOF of the joint"
             remedy = f'state its stations in [data.rotations."{dof}"]' if ":r" in dof else "measure it"
-            found = f"found no FRF of {dof}, a DOF of the joint"
-            expected = "the motion of the joint itself under every force"
-            raise MeasurementError.of("paper's iteration", (), found, expected, remedy)
+            raise refusal("paper's iteration", found, "the motion of the joint itself under every force", remedy)
     return replace(frf, values=np.concatenate(columns, axis=1), outputs=wanted, coherence=None)
 
 
 def _require(frf: FrfSet, rotation: Rotation) -> None:
     if rotation.dof in frf.outputs:
-        expected, remedy = "it from stations or from a sensor of its own, not from both", "remove one of the two"
-        raise MeasurementError.of(f"rotation {rotation.dof}", (), "found it among the measured DOFs", expected, remedy)
+        expected = "it from stations or from a sensor of its own, not from both"
+        raise refusal(f"rotation {rotation.dof}", "it among the measured DOFs", expected, "remove one of the two")
     for station in rotation.stations:
         if station not in frf.outputs:
-            found, remedy = f"found no FRF of station {station}", "map its channel or correct the station"
-            raise MeasurementError.of(f"rotation {rotation.dof}", (), found, f"one of {', '.join(frf.outputs)}", remedy)
+            found, expected = f"no FRF of station {station}", f"one of {', '.join(frf.outputs)}"
+            raise refusal(f"rotation {rotation.dof}", found, expected, "map its channel or correct the station")

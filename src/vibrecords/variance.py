@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, quantity_factor
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.frf_set import FrfSet
 
 #: Coherence this close to 1 is 1 to the last bits.
@@ -80,9 +80,9 @@ class CoherenceNoise:
 
     def __post_init__(self) -> None:
         if not (0 < self.coherence < 1 and self.averages >= 2 and self.floor >= 0):
-            found = f"found coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}"
+            found = f"coherence {self.coherence:g}, {self.averages} averages, floor {self.floor:g}"
             expected = "a coherence between 0 and 1, at least 2 averages and a floor of at least 0"
-            raise MeasurementError.of("noise", (), found, expected, "correct them")
+            raise refusal("noise", found, expected, "correct them")
 
     def variance(self, values: ComplexArray) -> Array:
         """σ² = E|δH|², both parts together, shape as `values` (lines, outputs, inputs)."""
@@ -128,21 +128,18 @@ def coherence_variance(frf: FrfSet) -> Array:
     if frf.coherence is None or frf.averages is None:
         found = "no coherence" if frf.coherence is None else "no number of averages"
         remedy = 'add them, or write in [data.variance] source = "relative", relative = 0.02, floor = 0.01'
-        raise MeasurementError(f"{where}: found {found}; expected both coherence and averages; {remedy}")
+        raise refusal(where, found, "both coherence and averages", remedy)
     if frf.averages < 2:
-        found = f"found {frf.averages} average"
         expected = "2 or more, since coherence of one average is 1 whatever the noise"
-        raise MeasurementError.of(where, (), found, expected, "average more or state the noise as relative")
+        raise refusal(where, f"{frf.averages} average", expected, "average more or state the noise as relative")
     coherence, magnitude = frf.coherence, np.abs(frf.values)
     perfect = np.argwhere((coherence >= _ONE).all(axis=0))
     if perfect.size:
         pair = f"{frf.outputs[perfect[0][0]]!r} over {frf.inputs[perfect[0][1]]!r}"
-        raise MeasurementError(
-            f"{where}: found a coherence of 1 at every line of {pair}; expected values below 1, since this one tells "
-            "nothing of the noise; check how it was estimated or state the noise as relative"
-        )
+        found = f"a coherence of 1 at every line of {pair}"
+        expected = "values below 1, since this one tells nothing of the noise"
+        raise refusal(where, found, expected, "check how it was estimated or state the noise as relative")
     if not (coherence > 0).all():
         line = int(np.argwhere(~(coherence > 0))[0][0])
-        found, expected = f"found a coherence of 0 at {frf.frequency_hz[line]:g} Hz", "values above 0"
-        raise MeasurementError.of(where, (), found, expected, "drop the line")
+        raise refusal(where, f"a coherence of 0 at {frf.frequency_hz[line]:g} Hz", "values above 0", "drop the line")
     return magnitude**2 * (1 - coherence) / ((frf.averages - 1) * coherence)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import complex_of
-from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.errors import MeasurementError, refusal, require_at_most
 from vibrecords.formats import matlab_5
 from vibrecords.formats.matlab_5 import ATTRIBUTE, Block, MatrixOf, Unread, full_matrix, read_matlab_4
 from vibrecords.records import LONGEST_LABEL, MOST_RECORDS, refuse_damage
@@ -73,7 +73,7 @@ def read_groups(path: Path) -> dict[str, Block]:
         waiting += [(f"{place}/{key}", value) for key, value in block.items() if isinstance(value, dict)]
         for key, value in groups[place.strip("/")].items():
             if isinstance(value, Unread):
-                raise MeasurementError(f"variable '{place}/{key}': found {value.what}; expected numbers or text")
+                raise refusal(f"variable '{place}/{key}'", value.what, "numbers or text")
     return groups
 
 
@@ -106,7 +106,7 @@ def _read_npz(path: Path, most: int, _matrix: MatrixOf) -> Block:
             with refuse_damage(f"variable '{name}'", expected, "an array", most=120):
                 array = arrays[name]
             if not isinstance(array, np.ndarray):
-                raise MeasurementError(f"member '{name}': found no NumPy array; expected .npy members; save it again")
+                raise refusal(f"member '{name}'", "no NumPy array", ".npy members", "save it again")
             *groups, key = name.split("/")
             matlab_5.refuse_deeper(len(groups), len(arrays.files), f"variable '{name}'")
             block = tree
@@ -300,8 +300,8 @@ def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
     if offset is not None and item.size:
         longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
     if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
-        found = f"found {item.size} texts of up to {longest} bytes"
-        raise MeasurementError.of(where, (), found, f"at most {MOST_RECORDS} of {_LONGEST_TEXT}", matlab_5.REMEDY)
+        found = f"{item.size} texts of up to {longest} bytes"
+        raise refusal(where, found, f"at most {MOST_RECORDS} of {_LONGEST_TEXT}", matlab_5.REMEDY)
     return np.array(item.asstr(errors="replace")[()], dtype=str)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, Quantity, complex_of
-from vibrecords.errors import MeasurementError, require_one_of
+from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.formats import units as known
 from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.matlab_5 import Unread
@@ -96,8 +96,7 @@ def _frfs(block: Block) -> list[_Values]:
     for real, imaginary in pairs:
         one, other = block.unit_of(real), block.unit_of(imaginary)
         if one and other and one != other:
-            found, expected = f"found the unit {other!r}", f"{one!r}, that of '{real}'"
-            raise MeasurementError.of(block.where(imaginary), (), found, expected, "correct one")
+            raise refusal(block.where(imaginary), f"the unit {other!r}", f"{one!r}, that of '{real}'", "correct one")
     frfs = [_Values(real, complex_of(*_same_size(block, real, imaginary))) for real, imaginary in pairs]
     if block.stated("real") and not frfs:
         frfs.append(_Values("real", block.numbers("real").astype(complex), ["imaginary part taken as 0"]))
@@ -113,13 +112,13 @@ def _frfs(block: Block) -> list[_Values]:
     if named and not frfs:
         alone = f"export the other part as well, or write {_paste(block, real=named[0])} if it is a real part alone"
         keys = f"write {keys}" if (keys := _keys_to_paste(block)) else alone
-        found = "found real numbers, which may be the real part of an FRF or its magnitude"
+        found = "real numbers, which may be the real part of an FRF or its magnitude"
         expected = "complex numbers, or the other part with them"
-        raise MeasurementError.of(block.where(named[0]), (), found, expected, f"{keys}, in [data.layout]")
+        raise refusal(block.where(named[0]), found, expected, f"{keys}, in [data.layout]")
     if len(frfs) > 1 and {frf.name.lower() for frf in frfs} <= {"h1", "h2", "hv"}:
-        found = f"found {' and '.join(named)}, which may be estimates of one FRF or FRFs of several channels"
-        expected, remedy = "one of them", f"write {_paste(block, frf=named[0])} in [data.layout]"
-        raise MeasurementError.of(block.where(named[0]), (), found, expected, remedy)
+        found = f"{' and '.join(named)}, which may be estimates of one FRF or FRFs of several channels"
+        expected = "one of them"
+        raise refusal(block.where(named[0]), found, expected, f"write {_paste(block, frf=named[0])} in [data.layout]")
     return frfs
 
 
@@ -137,8 +136,7 @@ def _pairs(block: Block, names: list[str], others: list[str]) -> Iterator[tuple[
 def _same_size(block: Block, name: str, other: str) -> tuple[Array, Array]:
     first, second = block.numbers(name), block.numbers(other)
     if first.shape != second.shape and not first.size == second.size == max(*first.shape, *second.shape):
-        found, expected = f"found shape {second.shape}", f"{first.shape} as '{name}'"
-        raise MeasurementError.of(block.where(other), (), found, expected, "correct one of them")
+        raise refusal(block.where(other), f"shape {second.shape}", f"{first.shape} as '{name}'", "correct one of them")
     return first, second.reshape(first.shape)
 
 
@@ -186,25 +184,22 @@ def _lines(block: Block, name: str, shape: tuple[int, ...]) -> tuple[Array, list
         lines = start + step * np.arange(float(max(shape, default=0)))
         return lines, [f"lines of {start:g} Hz and steps of {step:g} Hz"]
     if step is not None:
-        found = f"found a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz"
-        expected, remedy = "both", f'write f_start_hz = "0" or f_start_hz = "{step:g}" in [data.layout]'
-        raise MeasurementError.of(block.where(name), (), found, expected, remedy)
+        found = f"a step of {step:g} Hz and no first line, which may be 0 or {step:g} Hz"
+        remedy = f'write f_start_hz = "0" or f_start_hz = "{step:g}" in [data.layout]'
+        raise refusal(block.where(name), found, "both", remedy)
     if axes := [*block.named("w"), *(block.outer.named("w") if block.outer else [])]:
-        raise MeasurementError(
-            f"variable '{axes[0]}': found an axis that may be in rad/s or in Hz; expected its name to say which; write "
-            f'omega_rad_s = "{axes[0]}" or frequency_hz = "{axes[0]}" in [data.layout]'
-        )
+        remedy = f'write omega_rad_s = "{axes[0]}" or frequency_hz = "{axes[0]}" in [data.layout]'
+        raise refusal(f"variable '{axes[0]}'", "an axis that may be in rad/s or in Hz", "its name to say which", remedy)
     keys = _keys_to_paste(block) or 'f_start_hz = "0", f_step_hz = "0.5" with the first line and the step in Hz'
-    expected, remedy = "a variable 'frequency_hz' or 'omega_rad_s'", f"write {keys} in [data.layout]"
-    raise MeasurementError.of(block.where(name), (), "found no frequency lines with it", expected, remedy)
+    expected = "a variable 'frequency_hz' or 'omega_rad_s'"
+    raise refusal(block.where(name), "no frequency lines with it", expected, f"write {keys} in [data.layout]")
 
 
 def _arrange(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple[NDArray[Any], list[str]]:
     """Array of shape (lines, outputs, inputs) from the shapes that occur in files."""
     shape, notes, where = values.shape, [], block.where(name)
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
-        found, expected = f"found shape {shape}", f"(lines, outputs, inputs) with {lines} lines"
-        raise MeasurementError.of(where, (), found, expected, "correct the array")
+        raise refusal(where, f"shape {shape}", f"(lines, outputs, inputs) with {lines} lines", "correct the array")
     if shape.count(lines) > 1 and lines > 1 and not block.strings("outputs"):
         raise square_error(block, name, shape, "lines", "frf")
     if shape[0] != lines:
@@ -240,8 +235,8 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
         arranged, _ = _arrange(block, coherence, block.numbers(coherence), columns[0][1].size if columns else 0)
         squared = list(arranged.reshape(len(arranged), -1).T)
         if len(squared) != len(columns):
-            found, expected = f"found shape {arranged.shape}", f"{frf.values.shape} as the FRFs"
-            raise MeasurementError.of(block.where(coherence), (), found, expected, "store one coherence for each FRF")
+            remedy = "store one coherence for each FRF"
+            raise refusal(block.where(coherence), f"shape {arranged.shape}", f"{frf.values.shape} as the FRFs", remedy)
     units, averages = block.units_of(frf.name, len(columns), alone=True), _averages(block)
     word, own = ", ".join(dict.fromkeys(block.strings("quantity"))).lower(), block.quantity_of(frf.name)
     if own not in get_args(Quantity) and word:
@@ -278,8 +273,8 @@ def _labels_of_axis(
         note = f"'{name}' read as response {digits[1]} over {digits[2]}"
     elif stated:
         if len(stated) != count or len(set(stated)) != count:
-            found, expected = f"found {len(stated)} labels, {len(set(stated))} different", f"{count}, one for each"
-            raise MeasurementError.of(block.where(f"{side}s"), (), found, expected, "correct them")
+            found = f"{len(stated)} labels, {len(set(stated))} different"
+            raise refusal(block.where(f"{side}s"), found, f"{count}, one for each", "correct them")
         return stated, []
     elif alone and not (is_output and block.label):
         return [f"{side} {i + 1}" for i in range(count)], [f"no {side}s named in the file, numbered instead"]
@@ -297,8 +292,7 @@ def _averages(block: Block) -> int | None:
         return None
     values, where = block.numbers("averages").ravel(), block.where("averages")
     if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
-        found, expected = f"found {values[:3].tolist()}", f"one whole number from 1 to {MOST_AVERAGES}"
-        raise MeasurementError.of(where, (), found, expected, "correct it")
+        raise refusal(where, values[:3].tolist(), f"one whole number from 1 to {MOST_AVERAGES}", "correct it")
     return int(values[0])
 
 
@@ -347,10 +341,10 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         shapes = shapes if square else shapes.T
     sizes = {key: values.size for key, values in of_modes.items()}
     if shapes.ndim != 2 or shapes.shape[1] != count or set(sizes.values()) != {count}:
-        found, remedy = f"found {sizes} values and shapes 'Phi' of shape {shapes.shape}", "correct them"
-        raise MeasurementError.of(where, (), found, f"one of each for each of {count} modes, channels x modes", remedy)
+        found = f"{sizes} values and shapes 'Phi' of shape {shapes.shape}"
+        raise refusal(where, found, f"one of each for each of {count} modes, channels x modes", "correct them")
     if not ((frequency >= 0) & (frequency <= HIGHEST_HZ)).all():
-        raise MeasurementError(f"{where}: found no frequencies; expected 0 to {HIGHEST_HZ:g} Hz; leave the others out")
+        raise refusal(where, "no frequencies", f"0 to {HIGHEST_HZ:g} Hz", "leave the others out")
     # 3. what is not taken, and the records
     doubtful = [key for key in ("Fn_cov", "Xi_cov") if block.name_of(key.lower())]
     notes += [f"{key} not taken: a variance or a relative one" for key in doubtful]
@@ -361,8 +355,8 @@ def mode_records(block: Block) -> Iterator[ModeRecord]:
         of_modes = {key: values for key, values in of_modes.items() if "xi" not in key}
     labels = block.strings("dofs") or block.strings("channels") or [f"channel {i + 1}" for i in range(len(shapes))]
     if len(set(labels)) != len(shapes):
-        found = f"found {len(labels)} channels for {len(shapes)} rows"
-        raise MeasurementError(f"{block.where(names.get('phi', 'phi'))}: {found}; expected one for each; correct them")
+        found = f"{len(labels)} channels for {len(shapes)} rows"
+        raise refusal(block.where(names.get("phi", "phi")), found, "one for each", "correct them")
     for i in range(count):
         of_mode = {key: float(values[i]) for key, values in of_modes.items() if np.isfinite(values[i])}
         sd, ratio, ratio_sd = (of_mode.get(key) for key in ("fn_std", "xi", "xi_std"))
@@ -528,9 +522,8 @@ def _dewesoft(block: Block) -> Iterator[Block]:
         if (other := estimators.setdefault((data, response, reference), estimator)) != estimator:
             keys = {ours: name for ours, name in names.items() if ours not in ("averages", "phase")}
             keys |= {"phase_rad": names["phase"]} if "phase" in names else {}
-            found = f"found {other} and {estimator} of one FRF"
-            expected, remedy = "one of them", f"write {_paste(block, **keys)} (phase_deg for degrees) in [data.layout]"
-            raise MeasurementError.of(block.where(match[0]), (), found, expected, remedy)
+            remedy = f"write {_paste(block, **keys)} (phase_deg for degrees) in [data.layout]"
+            raise refusal(block.where(match[0]), f"{other} and {estimator} of one FRF", "one of them", remedy)
         used |= {name for ours, name in names.items() if ours != "averages"}
         used |= {name.replace(data, f"{data}X_") for name in used}
         ends = (
@@ -560,11 +553,10 @@ def _test_lab(block: Block) -> Iterator[Block]:
     else:
         start, step, stated = (x.scalar(key) for key in ("start_value", "increment", "number_of_values"))
         if start is None or step is None or not (np.isfinite([start, step]).all() and step > 0):
-            found, expected = f"found steps of {step} from {start}", "'start_value' and a step above 0"
-            raise MeasurementError.of(x.where("increment"), (), found, expected)
+            raise refusal(x.where("increment"), f"steps of {step} from {start}", "'start_value' and a step above 0")
         axis = start + step * np.arange(float(len(values)) if stated is None or not 0 <= stated <= 1e9 else stated)
     if axis.size != len(values):
-        raise MeasurementError(f"{y.where('values')}: found {len(values)} values; expected {axis.size}, as on the axis")
+        raise refusal(y.where("values"), f"{len(values)} values", f"{axis.size}, as on the axis")
     struct = block.place.rstrip("./").rpartition(".")[2]
     kind = about.string("type") if is_text(about.get("type")) else struct
     count, inputs = values.shape[1], next((_labels(about, key) for key in about.arrays if "reference" in key), [])
@@ -618,7 +610,7 @@ def _polytec(block: Block) -> Iterator[Block]:
     x, values, usd = block.numbers("x").ravel(), block.numbers("y", np.complex128), _struct(block, "usd")
     values = values.reshape(1, -1) if values.size == x.size else values
     if values.ndim != 2 or x.size != values.shape[1]:
-        raise MeasurementError(f"{block.where('y')}: found shape {values.shape}; expected rows of {x.size} values")
+        raise refusal(block.where("y"), f"shape {values.shape}", f"rows of {x.size} values")
     kind = " ".join(usd.string(key) for key in ("functiontype", "name"))
     labels = ((f"point {i + 1}", "input 1") for i in range(len(values)))
     yield from _columns(block, "y", (x, values.T), (usd.string("xunit"), usd.string("yunit")), kind, labels)
@@ -665,8 +657,7 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
     """Blocks in which arrays have the names that the layout gives them."""
     for key in layout:
         if key not in LAYOUT_KEYS:
-            found, expected = f"found '{key}' for a file of arrays", f"one of {', '.join(LAYOUT_KEYS)}"
-            raise MeasurementError.of("[data.layout]", (), found, expected)
+            raise refusal("[data.layout]", f"'{key}' for a file of arrays", f"one of {', '.join(LAYOUT_KEYS)}")
     places = {key: _holders(blocks, key, path) for key, path in layout.items()}
     within = {key: {id(holder): (holder, name) for holder, name in held} for key, held in places.items()}
     data = next((key for key in layout if key in _DATA), None)
@@ -679,8 +670,8 @@ def _name_arrays(blocks: list[Block], layout: Mapping[str, str]) -> list[Block]:
             held = within[key].get(id(block)) or places[key][0]
             if len(places[key]) > 1 and held[0] is not block:
                 listed = " and ".join(f"'{holder.path(name)}'" for holder, name in places[key][:2])
-                found, expected = f"found {path!r} {len(places[key])} times, {listed}", "one"
-                raise MeasurementError.of(f"[data.layout] {key}", (), found, expected, "write its whole path")
+                found = f"{path!r} {len(places[key])} times, {listed}"
+                raise refusal(f"[data.layout] {key}", found, "one", "write its whole path")
             mapped[key], written[key] = _value(held, key, path)
         kept = {n: v for n, v in block.arrays.items() if is_text(v) or block.meanings[n].role not in dropped}
         used = {
@@ -705,7 +696,7 @@ def _holders(blocks: list[Block], key: str, path: str) -> list[tuple[Block, str]
     near = difflib.get_close_matches(name[:100], paths[:5000], 1, 0.6)
     listed = ", ".join(f"'{p[:60]}'" for p in paths[:_MOST_LISTED]) + (" …" if len(paths) > _MOST_LISTED else "")
     remedy = f"did you mean '{near[0]}'?" if near else "correct the name"
-    raise MeasurementError(f"[data.layout] {key}: found no variable '{path[:60]}'; expected one of {listed}; {remedy}")
+    raise refusal(f"[data.layout] {key}", f"no variable '{path[:60]}'", f"one of {listed}", remedy)
 
 
 _COLUMN = re.compile(r"\((?:(?P<row>\d{1,6}(?::\d{1,6})?), *:|:, *(?P<column>\d{1,6}(?::\d{1,6})?))\)$")
@@ -722,9 +713,8 @@ def _value(held: tuple[Block, str], key: str, path: str) -> tuple[Any, str]:
     axis, (first, _, last) = (0 if match["row"] else 1), (match["row"] or match["column"]).partition(":")
     array = block.numbers(name, np.complex128 if np.iscomplexobj(value) else np.float64)
     if array.ndim != 2 or not 1 <= int(first) <= int(last or first) <= array.shape[axis]:
-        found = f"found {path!r} of an array of shape {array.shape}"
-        expected = "a column or row of it, or several as 2:4, counted from 1"
-        raise MeasurementError.of(f"[data.layout] {key}", (), found, expected, "correct the number")
+        found, remedy = f"{path!r} of an array of shape {array.shape}", "correct the number"
+        raise refusal(f"[data.layout] {key}", found, "a column or row of it, or several as 2:4, counted from 1", remedy)
     part = np.take(array, np.arange(int(first) - 1, int(last or first)), axis)
     part = part.T if axis == 0 else part
     return part if last else part[:, 0], path

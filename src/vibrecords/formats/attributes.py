@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.formats.matlab_5 import ATTRIBUTE
 from vibrecords.formats.named_arrays import (
     ALIASES,
@@ -61,7 +61,7 @@ def apply_attributes(arrays: Mapping[str, Any], place: str = "") -> dict[str, An
         of_netcdf = {key: _number(attributes[key]) for key in _NETCDF if key in attributes}
         if size_of(value) and of_netcdf:
             if wrong := next((key for key, number in of_netcdf.items() if number is None), ""):
-                raise MeasurementError(f"{where}: found no number in its {wrong}; expected one; correct the attribute")
+                raise refusal(where, f"no number in its {wrong}", "one", "correct the attribute")
             stored = numbers(value, where, np.complex128 if is_complex(value) else np.float64)
             scale, offset, *fills = (of_netcdf.get(key) for key in _NETCDF)
             unpacked = stored * (1.0 if scale is None else scale) + (offset or 0.0)
@@ -100,10 +100,8 @@ def apply_attributes(arrays: Mapping[str, Any], place: str = "") -> dict[str, An
         if all(np.array_equal(values[0], other) for other in values[1:]):
             found.setdefault(key, values[0])
         elif meaning_of(key).role in ("rate", "interval"):
-            raise MeasurementError(
-                f"group '{place}': found data sets of different {key}; expected one rate in a group; write "
-                "sample_rate_hz with the number in [data.layout], or store a group for each rate"
-            )
+            remedy = "write sample_rate_hz with the number in [data.layout], or store a group for each rate"
+            raise refusal(f"group '{place}'", f"data sets of different {key}", "one rate in a group", remedy)
     return found
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from vibrecords.arrays import Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats.units import MOTION_OF, SI_SENSOR, frf_unit, parse_unit, scaled, sensor_unit
 from vibrecords.records import FrfRecord, TimeRecord
 
@@ -89,9 +89,8 @@ def restate_frf(record: FrfRecord, response: ChannelUnit, force: ChannelUnit) ->
     below, source = _side(force, of_force, _factor(of_force), place)
     quantity = next((name for name in get_args(Quantity) if MOTION_OF[name] == motion), record.quantity)
     if motion == "force" or source not in (None, "force"):
-        found = f"found {motion or 'a motion'} over {source or 'a force'}"
-        expected, remedy = "a motion over a force", "correct unit and quantity of its channels in [data.channels]"
-        raise MeasurementError.of(place, (), found, expected, remedy)
+        remedy = "correct unit and quantity of its channels in [data.channels]"
+        raise refusal(place, f"{motion or 'a motion'} over {source or 'a force'}", "a motion over a force", remedy)
     values, factor = scaled(record.values, above / below / (record.factor or 1.0)), above / below
     notes = _note(record.response, of_response, response, motion) + _note(record.reference, of_force, force, source)
     kept = tuple(note for note in record.notes if "left as written" not in note and "converted to" not in note)
@@ -135,20 +134,17 @@ def _side(stated: ChannelUnit, unit: str, factor: float | None, place: str) -> t
     if stated.sensitivity is not None and of_case is not None:
         in_volts = _volts(unit)
         if in_volts is None:
-            raise MeasurementError(
-                f"{place}: found the unit {unit!r} and a sensitivity; expected volts, which a sensitivity divides; "
-                "take the sensitivity away, the file holds the unit already"
-            )
+            remedy = "take the sensitivity away, the file holds the unit already"
+            raise refusal(place, f"the unit {unit!r} and a sensitivity", "volts, which a sensitivity divides", remedy)
         return in_volts / stated.sensitivity * of_case[0], of_case[1]
     if of_case is not None:
         return of_case
     if factor is None:
-        found = f"found the unit {unit!r}, which is none of a force or motion"
-        expected, remedy = "the unit of each channel", f"{_EXAMPLE}, with sensitivity = 0.01 where the file holds volts"
-        raise MeasurementError.of(place, (), found, expected, remedy)
+        found, expected = f"the unit {unit!r}, which is none of a force or motion", "the unit of each channel"
+        raise refusal(place, found, expected, f"{_EXAMPLE}, with sensitivity = 0.01 where the file holds volts")
     if stated.quantity and of_file and of_file[1] != stated.quantity:
-        found = f'found {of_file[1]} by the unit {unit!r} and quantity = "{stated.quantity}" in the case'
-        raise MeasurementError.of(place, (), found, "one", f"{_EXAMPLE} if the file is wrong")
+        found = f'{of_file[1]} by the unit {unit!r} and quantity = "{stated.quantity}" in the case'
+        raise refusal(place, found, "one", f"{_EXAMPLE} if the file is wrong")
     return factor, stated.quantity or (of_file[1] if of_file else None)
 
 

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from vibrecords.arrays import Array, Flags
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.frf_set import FrfSet, require_lines
 from vibrecords.records import HIGHEST_HZ, LARGEST, FrfRecord, measurable
 
@@ -44,13 +44,13 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
         checked = _check(record, where)
         pair = (checked.response, checked.reference)
         if pair in frfs:
-            found = f"found the FRF of {pair[0]!r} over {pair[1]!r} again, first in {frfs[pair].where}"
-            expected, remedy = "each pair once", "split repeated measurements into files"
-            raise MeasurementError.of(f"{where}: {checked.where}", (), found, expected, remedy)
+            found = f"the FRF of {pair[0]!r} over {pair[1]!r} again, first in {frfs[pair].where}"
+            expected = "each pair once"
+            raise refusal(f"{where}: {checked.where}", found, expected, "split repeated measurements into files")
         frfs[pair] = checked
         _same_kind(checked, next(iter(frfs.values())), where)
     if not frfs:
-        raise MeasurementError(f"{where}: found no FRF; expected at least one; time histories must be turned into FRFs")
+        raise refusal(where, "no FRF", "at least one", "time histories must be turned into FRFs")
     return _grid(frfs, where)
 
 
@@ -114,7 +114,7 @@ def measured_lines(
         kept = [record.at_lines(~excluded_lines(record.frequency_hz, exclude_hz)) for record in records]
         if any(record.frequency_hz.size == 0 for record in kept):
             bands = ", ".join(f"{low:g} to {high:g} Hz" for low, high in exclude_hz)
-            raise MeasurementError(f"{where}: found no line outside {bands}; expected some; narrow exclude_hz")
+            raise refusal(where, f"no line outside {bands}", "some", "narrow exclude_hz")
         count = records[0].frequency_hz.size - kept[0].frequency_hz.size
         notes.append(f"Of {records[0].frequency_hz.size} lines {count} were left out, as exclude_hz asks.")
     lines = kept[0].frequency_hz
@@ -160,47 +160,44 @@ def _check(record: FrfRecord, where: str) -> FrfRecord:
     lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
     require_lines(lines, place)
     if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
-        expected, remedy = f"them within {1 / HIGHEST_HZ:g} to {HIGHEST_HZ:g} Hz", "look at the unit of the axis"
-        raise MeasurementError.of(place, (), f"found lines from {lines[0]:g} to {lines[-1]:g} Hz", expected, remedy)
+        expected = f"them within {1 / HIGHEST_HZ:g} to {HIGHEST_HZ:g} Hz"
+        raise refusal(place, f"lines from {lines[0]:g} to {lines[-1]:g} Hz", expected, "look at the unit of the axis")
     with np.errstate(invalid="ignore"):  # of NaN that signal
         zero = values == 0
     absurd = (~measurable(values), f"a number beyond {LARGEST:g} or its inverse")
     for missing, name in ((~np.isfinite(values), "NaN or infinity"), (zero, "exactly 0"), absurd):
         if missing.any():
             line = int(np.argmax(missing))
-            raise MeasurementError(
-                f"{place}: found {name} at {lines[line]:g} Hz, {int(missing.sum())} such lines; expected a measured "
-                "number on at least half of the lines; leave out a channel or a band (exclude_hz), or export again"
-            )
+            found = f"{name} at {lines[line]:g} Hz, {int(missing.sum())} such lines"
+            expected = "a measured number on at least half of the lines"
+            raise refusal(place, found, expected, "leave out a channel or a band (exclude_hz), or export again")
     return record if record.coherence is None else replace(record, coherence=_coherence(record.coherence, lines, place))
 
 
 def _coherence(coherence: Array, lines: Array, place: str) -> Array:
     if coherence.shape != lines.shape:
-        raise MeasurementError(f"{place}: found coherence on {coherence.size} lines; expected {lines.size}; drop it")
+        raise refusal(place, f"coherence on {coherence.size} lines", lines.size, "drop it")
     bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
     if bad.any():
         line = int(np.argmax(bad))
-        found, expected = f"found coherence {coherence[line]:g} at {lines[line]:g} Hz", "0 to 1"
-        raise MeasurementError.of(place, (), found, expected, "leave it out")
+        raise refusal(place, f"coherence {coherence[line]:g} at {lines[line]:g} Hz", "0 to 1", "leave it out")
     return np.minimum(coherence, 1.0)
 
 
 def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
     if record.quantity is None:
-        expected, remedy = "receptance, mobility or accelerance from unit or axis type", "state the quantity"
-        raise MeasurementError.of(f"{where}: {record.where}", (), "found no word on what the FRF is", expected, remedy)
+        expected = "receptance, mobility or accelerance from unit or axis type"
+        raise refusal(f"{where}: {record.where}", "no word on what the FRF is", expected, "state the quantity")
     if record.quantity != first.quantity:
-        found = f"found {record.quantity} beside {first.quantity} in {first.where}"
-        expected, remedy = "one quantity throughout", "split the file or state the quantity"
-        raise MeasurementError.of(f"{where}: {record.where}", (), found, expected, remedy)
+        found, expected = f"{record.quantity} beside {first.quantity} in {first.where}", "one quantity throughout"
+        raise refusal(f"{where}: {record.where}", found, expected, "split the file or state the quantity")
     if not np.isclose(record.window_rate, first.window_rate, equal_nan=True):
-        found = f"{record.where}: found another exponential window than in {first.where}"
-        raise MeasurementError(f"{where}: {found}; expected one window throughout; split the file")
+        found = f"another exponential window than in {first.where}"
+        raise refusal(f"{where}: {record.where}", found, "one window throughout", "split the file")
     if not np.array_equal(record.frequency_hz, first.frequency_hz):
         own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (record, first))
-        found = f"{record.where}: found {own} other than the {others} of {first.where}"
-        raise MeasurementError(f"{where}: {found}; expected the same lines for all FRFs; split the file")
+        found = f"{own} other than the {others} of {first.where}"
+        raise refusal(f"{where}: {record.where}", found, "the same lines for all FRFs", "split the file")
 
 
 def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
@@ -209,8 +206,7 @@ def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
     rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
     for output, input_ in product(outputs, inputs):
         if (output, input_) not in frfs:
-            found, expected = f"found no FRF of {output!r} over {input_!r}", "every output with every input"
-            raise MeasurementError.of(where, (), found, expected, "add it")
+            raise refusal(where, f"no FRF of {output!r} over {input_!r}", "every output with every input", "add it")
     shape = (first.frequency_hz.size, len(outputs), len(inputs))
     complete = all(record.coherence is not None for record in frfs.values())
     told = [record.averages for record in frfs.values() if record.averages is not None]

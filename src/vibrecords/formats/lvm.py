@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrecords.arrays import Array
-from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.errors import refusal, require_at_most
 from vibrecords.formats.table_text import (
     Column,
     ColumnTable,
@@ -57,14 +57,14 @@ def read_lvm(path: Path) -> Iterator[ColumnTable]:
     blocks = enumerate(_blocks(lines, layout), start=1)
     block = next(blocks, None)
     if block is None:
-        raise MeasurementError("header: found no segment of data; expected at least one; export the measurement again")
+        raise refusal("header", "no segment of data", "at least one", "export the measurement again")
     while block is not None:
         number, (segment, names, values) = block
         following = next(blocks, None)
         samples = _samples(segment)
         if following is None and is_cut and len(values) < samples:
-            found = f"line {segment.line}: found {len(values)} rows of the segment; expected {samples} samples"
-            raise MeasurementError(f"{found}; the file is cut off within a number, export it again")
+            remedy = "the file is cut off within a number, export it again"
+            raise refusal(f"line {segment.line}", f"{len(values)} rows of the segment", f"{samples} samples", remedy)
         hit = number if number > 1 or following is not None else None
         yield _table(segment, names, values, layout, f"segment {number}", hit)
         block = following
@@ -86,8 +86,8 @@ def _file_header(lines: Lines) -> _Layout:
         key, value = [*re.split(r"[\t,]", line, maxsplit=1), ""][:2]
         layout[key.strip().lower()] = value.strip("\t ").lower()
         if layout["separator"] not in separators:
-            raise MeasurementError(f"line {number}: found separator {value[:20]!r}; expected Tab or Comma")
-    raise MeasurementError(f"line {number}: found the end of the file; expected {_END}; it is cut off, export again")
+            raise refusal(f"line {number}", f"separator {value[:20]!r}", "Tab or Comma")
+    raise refusal(f"line {number}", "the end of the file", _END, "it is cut off, export again")
 
 
 def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str], Array]]:
@@ -102,16 +102,14 @@ def _blocks(lines: Lines, layout: _Layout) -> Iterator[tuple[_Segment, list[str]
             number, line = next(lines, (segment.line, ""))
             names = [name.strip() for name in line.split(layout["separator"])]
             if names[0].lower() != "x_value":
-                found, expected = f"found {line[:30]!r}", "the names of columns, X_Value first"
-                raise MeasurementError.of(f"line {number}", (), found, expected)
+                raise refusal(f"line {number}", f"{line[:30]!r}", "the names of columns, X_Value first")
             while names[-1].lower() in ("", "comment"):
                 names.pop()
             require_at_most(MOST_COLUMNS, len(names), f"line {number}", "columns", "split the file")
             require_short(f"line {number}", *names)
         values, gaps = read_rows(_split_rows(rows, layout, len(names)), len(names))
         if not len(values):
-            found, expected = "found no row of numbers in the segment", "the samples"
-            raise MeasurementError.of(f"line {segment.line}", (), found, expected, "export it again")
+            raise refusal(f"line {segment.line}", "no row of numbers in the segment", "the samples", "export it again")
         if axes := [line for i, line in gaps.items() if names[i].lower() == "x_value"]:
             raise bad_number("", f"line {min(axes)}")
         values[:, list(gaps)] = np.nan  # a channel of another rate, whose samples do not fill the rows
@@ -140,8 +138,7 @@ def _segment_header(first: tuple[int, str], lines: Lines, layout: _Layout) -> _S
         segment.fields[key.strip().lower()] = [value.strip() for value in values]
         if len(segment.fields) > 1000:
             break
-    found, expected = "found no end of the segment's header", _END
-    raise MeasurementError.of(f"line {segment.line}", (), found, expected, "the file is cut off, export again")
+    raise refusal(f"line {segment.line}", "no end of the segment's header", _END, "the file is cut off, export again")
 
 
 def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int, list[str]]]:
@@ -167,7 +164,7 @@ def _table(
     empty = np.asarray(np.isnan(values).all(axis=0))
     for i, name in enumerate(names):  # the header has a cell for each column behind the first
         if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
-            raise MeasurementError(f"line {segment.line}: found an empty X_Value of {names[i + 1]!r}; expected numbers")
+            raise refusal(f"line {segment.line}", f"an empty X_Value of {names[i + 1]!r}", "numbers")
         if name.lower() != "x_value":
             columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
         elif dimensions[i].lower() == "frequency":
@@ -202,14 +199,14 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
         for before, other in itertools.pairwise(clocks):
             if before[1:] != other[1:]:
                 both = (f"{x0[:20]!r} and Delta_X {step[:20]!r} of {name!r}" for name, x0, step in (other, before))
-                expected = "one clock for one X column; export with an X column for each channel"
-                raise MeasurementError(f"line {segment.line}: found X0 {', '.join(both)}; expected {expected}")
+                remedy = "export with an X column for each channel"
+                raise refusal(f"line {segment.line}", f"X0 {', '.join(both)}", "one clock for one X column", remedy)
     clock = clocks[0][1:] if clocks else ("", "")
     x0, step = (float_of(text.replace(",", ".") or "0") for text in clock)
     if layout["x_columns"] == "no":
         if x0 is None or not step:
             found = f"X0 {clock[0][:20]!r} and Delta_X {clock[1][:20]!r}"
-            raise MeasurementError(f"line {segment.line}: found {found}; expected numbers; export it again")
+            raise refusal(f"line {segment.line}", found, "numbers", "export it again")
         values[:, 0] = x0 + step * np.arange(len(values))
         digits = len(re.sub(r"^[0.]+|\.|e.*", "", clock[1].replace(",", ".").lower()).rstrip("0"))
         if digits in (2, 3):

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import complex_of
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 
 #: Names to what stands under them: arrays of numbers or text, further blocks, lists of both, or `Unread`.
 Block = dict[str, Any]
@@ -85,9 +85,8 @@ def refuse_larger(size: float, most: int) -> None:
         If there are more than `most` bytes.
     """
     if size > most:
-        found = f"found arrays of {size / 1000000.0:.3g} MB or more"
-        expected = f"at most {most / 1000000.0:.3g} MB in a file of this size"
-        raise MeasurementError.of("content", (), found, expected, "save it again without compression")
+        found, remedy = f"arrays of {size / 1000000.0:.3g} MB or more", "save it again without compression"
+        raise refusal("content", found, f"at most {most / 1000000.0:.3g} MB in a file of this size", remedy)
 
 
 def refuse_deeper(depth: int, count: int, where: str) -> None:
@@ -99,8 +98,8 @@ def refuse_deeper(depth: int, count: int, where: str) -> None:
         If it is deeper than `DEEPEST` or more than `MOST_OBJECTS`.
     """
     if depth > DEEPEST or count > MOST_OBJECTS:
-        found = f"found groups {depth} deep, {count} entries so far"
-        raise MeasurementError.of(where[:80], (), found, f"at most {DEEPEST} deep and {MOST_OBJECTS} entries", REMEDY)
+        found = f"groups {depth} deep, {count} entries so far"
+        raise refusal(where[:80], found, f"at most {DEEPEST} deep and {MOST_OBJECTS} entries", REMEDY)
 
 
 def full_matrix(

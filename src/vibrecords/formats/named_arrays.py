@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError, require_one_of
+from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.names import NAMES, words_of
 from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled
@@ -301,14 +301,14 @@ def numbers(values: Any, where: str, kind: type = np.float64) -> NDArray[Any]:  
     if array.dtype.kind not in allowed:
         of_kind = _KINDS.get(array.dtype.kind, f"data of type {array.dtype}")
         what = values.what if isinstance(values, Unread) else of_kind
-        raise MeasurementError(f"{where}: found {what}; expected {expected} numbers; store it as a numeric array")
+        raise refusal(where, what, f"{expected} numbers", "store it as a numeric array")
     return array.astype(kind, copy=False)
 
 
 def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     """Strings of a file: text, bytes, or an array or cell array of them; blanks at the end dropped."""
     if not is_text(values):
-        raise MeasurementError(f"{where}: found no text; expected text; store labels as strings")
+        raise refusal(where, "no text", "text", "store labels as strings")
     texts = np.ascontiguousarray(values).reshape(-1)
     if texts.dtype.kind == "S":
         return [text.decode("utf-8", errors="replace").rstrip() for text in texts.tolist()]
@@ -316,9 +316,7 @@ def strings(values: Any, where: str) -> list[str]:  # noqa: ANN401
     codes = texts.view(np.dtype(np.uint32).newbyteorder(texts.dtype.byteorder))
     bad = (codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))
     if bad.any():
-        raise MeasurementError(
-            f"{where}: found the code {int(codes[np.argmax(bad)]):#x}, no character; expected text; save it again"
-        )
+        raise refusal(where, f"the code {int(codes[np.argmax(bad)]):#x}, no character", "text", "save it again")
     return [text.rstrip() for text in texts.tolist()]
 
 
@@ -376,8 +374,7 @@ def _histories_of(block: Block, name: str, count: int) -> list[_History]:
     units, words = block.units_of(name, count, alone=True), block.strings("quantities") or [""] * count
     hits = block.numbers("hits").ravel() if block.name_of("hits") else np.zeros(count)
     if not ((hits >= 0) & (hits <= MOST_RECORDS) & (hits == np.round(hits))).all():
-        found, expected = f"found {hits[:3].tolist()}", "whole numbers from 1, 0 for none"
-        raise MeasurementError.of(block.where("hits"), (), found, expected, "correct it")
+        raise refusal(block.where("hits"), hits[:3].tolist(), "whole numbers from 1, 0 for none", "correct it")
     if not len(channels) == len(units) == len(words) == len(hits) == count:
         raise MeasurementError(
             f"{block.where('samples')}: found {count} columns; expected as many channels ({len(channels)}), units "
@@ -453,7 +450,7 @@ def _columns_of(block: Block, name: str) -> Array:
     values = block.numbers(name)
     if values.ndim > 2 or values.size == 0:
         where = block.where(name)
-        raise MeasurementError(f"{where}: found shape {values.shape}; expected (samples, channels); correct the array")
+        raise refusal(where, f"shape {values.shape}", "(samples, channels)", "correct the array")
     return values.reshape(-1, 1) if values.ndim < 2 or 1 in values.shape else values
 
 
@@ -463,9 +460,8 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
     rates = [rate for rate in (block.scalar("rate"), 1 / interval if interval else None) if rate is not None]
     possible = all(1 / HIGHEST_HZ <= rate <= HIGHEST_HZ for rate in rates)
     if not possible or (not rates and block.name_of("sample_rate_hz")):
-        found = f"found {(f'{rates[0]:g}' if rates else 'no one number')}"
-        expected = f"one number above 0 and up to {HIGHEST_HZ:g} Hz"
-        raise MeasurementError.of(block.where("sample_rate_hz"), (), found, expected, "correct it")
+        found, remedy = f"{rates[0]:g}" if rates else "no one number", "correct it"
+        raise refusal(block.where("sample_rate_hz"), found, f"one number above 0 and up to {HIGHEST_HZ:g} Hz", remedy)
     time, notes = None if block.stated("sample_rate_hz") else _instants(block, name, (samples,)), []
     where = block.where(axes[0] if axes else "time")
     if time is not None:
@@ -474,20 +470,19 @@ def _rate(block: Block, name: str, samples: int) -> tuple[float, list[str]]:
         if unit == "s" and time.size and _DAYS[0] <= time.min() and time.max() <= _DAYS[1] and np.ptp(time) < 1:
             unit, scale = "days (datenum of MATLAB)", 86400.0
         if scale is None:
-            raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct it")
+            raise refusal(where, f"the unit {unit!r}", "s or ms", "correct it")
         notes = [f"instants in {unit} converted to s"] if scale != 1 else []
         instants = (time - time[:1]) * scale
         span = max(float(np.ptp(instants)), 1 / HIGHEST_HZ)
         rates.append((time.size - 1) / span if rates else even_rate(instants, where))
     elif not rates and axes:
         count = size_of(block.get(axes[0]))
-        raise MeasurementError(f"{where}: found {count} instants; expected {samples}, one for each; correct it")
+        raise refusal(where, f"{count} instants", f"{samples}, one for each", "correct it")
     elif not rates:
-        expected, remedy = "'sample_rate_hz' or 'time'", f"write in [data.layout] {RATE_KEY}"
-        raise MeasurementError.of(block.where(name), (), "found no sampling rate", expected, remedy)
+        found = "no sampling rate"
+        raise refusal(block.where(name), found, "'sample_rate_hz' or 'time'", f"write in [data.layout] {RATE_KEY}")
     if not max(rates) / min(rates) - 1 < 1e-2:
         by_axis = f'time = "{block.path(axes[0])}" or ' if axes else f'sample_rate_hz = "{rates[-1]:.9g}" or '
-        found = f"found sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz"
-        expected, remedy = "one", f'write {by_axis}sample_rate_hz = "{rates[0]:.9g}" in [data.layout]'
-        raise MeasurementError.of(where, (), found, expected, remedy)
+        found = f"sampling rates of {rates[-1]:.6g} Hz and {rates[0]:.6g} Hz"
+        raise refusal(where, found, "one", f'write {by_axis}sample_rate_hz = "{rates[0]:.9g}" in [data.layout]')
     return rates[0], notes

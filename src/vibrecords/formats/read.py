@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from vibrecords.arrays import Quantity
-from vibrecords.errors import MeasurementError, path_fault
+from vibrecords.errors import MeasurementError, path_fault, refusal
 from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.attributes import apply_attributes
@@ -61,9 +61,9 @@ def detect_format(path: str | Path) -> str:
         head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text.startswith(b"version https://git-lfs"):
-        raise MeasurementError(f"{path}: found a pointer of Git LFS; expected the measurement; run `git lfs pull`")
+        raise refusal(path, "a pointer of Git LFS", "the measurement", "run `git lfs pull`")
     if wide and text.split(b"\n", 1)[0].strip() == b"-1":
-        raise MeasurementError(f"{path}: found text in UTF-16; expected a universal file in ASCII; save it so")
+        raise refusal(path, "text in UTF-16", "a universal file in ASCII", "save it so")
     by_beginning = (kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning))
     return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
 
@@ -76,8 +76,8 @@ def _head(path: Path) -> bytes:
         if not stat.S_ISREG(about.st_mode):
             raise MeasurementError(f"{path}: found a directory, a device or a pipe; {expected}")
         if about.st_size > MOST_BYTES:
-            found, expected = f"found {about.st_size / 2**30:.3g} GiB", f"at most {MOST_BYTES >> 30}"
-            raise MeasurementError.of(str(path), (), found, expected, "split the file")
+            found = f"{about.st_size / 2**30:.3g} GiB"
+            raise refusal(str(path), found, f"at most {MOST_BYTES >> 30}", "split the file")
         with path.open("rb") as file:
             return file.read(4096)
     except FileNotFoundError:
@@ -96,8 +96,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         try:
             names = [entry.filename for entry in zip_entries(path)]
         except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            found, expected = "found a zip archive that is cut off or damaged", "a complete npz file"
-            raise MeasurementError.of(str(path), (), found, expected, "copy it again") from None
+            found = "a zip archive that is cut off or damaged"
+            raise refusal(str(path), found, "a complete npz file", "copy it again") from None
         if any(name.endswith(".npy") for name in names):
             return "npz"
         if "xl/workbook.xml" in names:
@@ -142,28 +142,27 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
     """
     path, kind, count = Path(path), detect_format(path), 0
     if layout and kind in _READERS:
-        found, expected = f"found [data.layout] for a file of format {kind}", "it for MAT, HDF5, npz or tables"
-        raise MeasurementError.of(str(path), (), found, expected, "take it away")
+        found = f"[data.layout] for a file of format {kind}"
+        raise refusal(str(path), found, "it for MAT, HDF5, npz or tables", "take it away")
     try:
         with closing(_READERS[kind](path) if kind in _READERS else _BY_NAMES[kind](path, layout or {})) as records:
             for record in records:
                 count += 1
                 if count > MOST_RECORDS:
-                    found = f"found more than {MOST_RECORDS} FRFs and time histories"
-                    raise MeasurementError.of("content", (), found, "fewer", "split it")
+                    raise refusal("content", f"more than {MOST_RECORDS} FRFs and time histories", "fewer", "split it")
                 require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
                 yield non_negative_half(record)
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:
-        raise MeasurementError(f"{path}: found a fault ({error}); expected a readable file; copy it again") from None
+        raise refusal(path, f"a fault ({error})", "a readable file", "copy it again") from None
     except (ValueError, LookupError, ArithmeticError) as error:  # what a reader makes of bytes that it did not expect
-        found = f"found content that cannot be read ({' '.join(str(error).split())[:80] or type(error).__name__})"
+        found = f"content that cannot be read ({' '.join(str(error).split())[:80] or type(error).__name__})"
         expected = f"a complete file of format {kind}"
-        raise MeasurementError.of(str(path), (), found, expected, "copy it again or export it again") from None
+        raise refusal(str(path), found, expected, "copy it again or export it again") from None
     if not count:
-        found, expected = "found neither FRFs nor time histories", "variables such as 'frequency_hz' and 'frf'"
-        raise MeasurementError.of(str(path), (), found, expected, "see 'Measurement files' of the documentation")
+        found, expected = "neither FRFs nor time histories", "variables such as 'frequency_hz' and 'frf'"
+        raise refusal(str(path), found, expected, "see 'Measurement files' of the documentation")
 
 
 def read_frf(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, complex_of
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats import table_text as headers
 from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
 from vibrecords.formats.table_text import Column, ColumnTable, Role, describe, float_of
@@ -67,9 +67,8 @@ def _records(table: ColumnTable, axis: str | None) -> Iterator[Record]:
             continue
         starts.append((float(instants[0]), float(instants[1] - instants[0])))
         if abs(starts[-1][0] - starts[0][0]) > 0.01 * starts[0][1]:
-            found = f"found a channel that begins at {starts[-1][0]:g}, the first at {starts[0][0]:g}"
-            expected = "channels that begin together"
-            raise MeasurementError.of(f"column {numbers[0] + 1}", (), found, expected, "cut them to one start")
+            found = f"a channel that begins at {starts[-1][0]:g}, the first at {starts[0][0]:g}"
+            raise refusal(f"column {numbers[0] + 1}", found, "channels that begin together", "cut them to one start")
 
 
 @dataclass(slots=True)
@@ -153,9 +152,8 @@ class _Group:
         meant = unit.replace(")(", ")/(")  # SignalCalc's (m/s2)(N)
         if cartesian:
             if other_unit and read_frf_unit(other_unit)[:2] != read_frf_unit(unit)[:2]:
-                found = f"found the units {unit!r} and {other_unit!r}"
-                expected, remedy = "one unit of both parts", "correct the header"
-                raise MeasurementError.of(f"columns {first + 1} and {second + 1}", (), found, expected, remedy)
+                found, expected = f"the units {unit!r} and {other_unit!r}", "one unit of both parts"
+                raise refusal(f"columns {first + 1} and {second + 1}", found, expected, "correct the header")
             meant, values = meant or other_unit, complex_of(numbers, other_numbers)
         else:
             magnitude, meant = _magnitude(numbers, meant, f"column {first + 1}", notes)
@@ -186,14 +184,13 @@ class _Group:
             return
         scale = TIME_S.get(unit.lower() or "s")
         if scale is None:
-            raise MeasurementError(f"{where}: found the unit {unit!r}; expected s or ms; correct the header")
+            raise refusal(where, f"the unit {unit!r}", "s or ms", "correct the header")
         told = float_of(self.comments.get("sample_rate_hz", ""))
         rate = even_rate(instants * scale, where, told)
         doubtful = not unit and rate != told
         if doubtful and rate < 1.001 / headers.FREQUENCY_STEP:
-            found = f"found time without a unit in steps of {1 / rate:g}"
-            expected = f"s ({rate:g} samples a second) or ms ({1000.0 * rate:g} a second)"
-            raise MeasurementError.of(where, (), found, expected, "write [s] or [ms] behind its name")
+            found, remedy = f"time without a unit in steps of {1 / rate:g}", "write [s] or [ms] behind its name"
+            raise refusal(where, found, f"s ({rate:g} samples a second) or ms ({1000.0 * rate:g} a second)", remedy)
         if doubtful and rate < 1.001 / headers.TIME_STEP:
             self.notes += (f"time without unit taken as s, {rate:g} samples a second",)
         self.pass_over(spectra)
@@ -318,9 +315,8 @@ def _pair_up(columns: list[Column], numbers: list[int]) -> list[tuple[str, dict[
             frfs.remove((number, parts))
     for name, parts in frfs:
         if not any(whole <= set(parts) for whole in _WHOLE) and [*parts] != ["coherence"]:
-            found = f"column {min(parts.values()) + 1}: found {' and '.join(sorted(parts))} of {name!r}"
-            expected = "real and imaginary, or magnitude and phase"
-            raise MeasurementError(f"{found}; expected {expected}; complete the columns")
+            found, expected = f"{' and '.join(sorted(parts))} of {name!r}", "real and imaginary, or magnitude and phase"
+            raise refusal(f"column {min(parts.values()) + 1}", found, expected, "complete the columns")
     return frfs
 
 
@@ -330,10 +326,9 @@ def _averages(comments: Mapping[str, str], count: int) -> list[int | None]:
         return [None] * count
     numbers = [number.strip() for number in text.split(",")]
     if any(not number.isdecimal() or len(number) > 9 or not 1 <= int(number) <= MOST_AVERAGES for number in numbers):
-        found, expected = f"found averages {text[:30]!r}", f"whole numbers from 1 to {MOST_AVERAGES}"
-        raise MeasurementError.of("header", (), found, expected, "correct it")
+        raise refusal("header", f"averages {text[:30]!r}", f"whole numbers from 1 to {MOST_AVERAGES}", "correct it")
     if len(numbers) not in (1, count):
-        raise MeasurementError(f"header: found {len(numbers)} numbers of averages; expected 1 or {count}; correct it")
+        raise refusal("header", f"{len(numbers)} numbers of averages", f"1 or {count}", "correct it")
     return [*map(int, numbers)] * (count if len(numbers) == 1 else 1)
 
 
@@ -352,12 +347,12 @@ def _magnitude(values: Array, unit: str, where: str, notes: list[str]) -> tuple[
     decibels = re.match(r"dB\b\s*(?:,|re\.?|ref\.?)?\s*(?P<level>[\d.]+(?:e[+-]?\d+)?)?\s*", unit, re.IGNORECASE)
     if decibels is None:
         if (values < 0).any():
-            found, expected = f"found a magnitude below 0 in {unit or 'no unit'!r}", "magnitudes, or decibels named so"
-            raise MeasurementError.of(where, (), found, expected, "write [dB re 1 m/s²/N] or the like behind the name")
+            found, expected = f"a magnitude below 0 in {unit or 'no unit'!r}", "magnitudes, or decibels named so"
+            raise refusal(where, found, expected, "write [dB re 1 m/s²/N] or the like behind the name")
         return values, unit
     level, reference = float_of(decibels["level"] or "1"), unit[decibels.end() :]
     if not level or not 1e-30 < level < 1e30:
-        raise MeasurementError(f"{where}: found {unit[:40]!r}; expected decibels over a number and unit; correct it")
+        raise refusal(where, f"{unit[:40]!r}", "decibels over a number and unit", "correct it")
     notes.append(f"decibels taken as 20 log10 of the magnitude over {level:g} {reference}".rstrip())
     return level * 10 ** (values / 20), reference
 
@@ -368,16 +363,16 @@ def _phase(values: Array, unit: str, where: str, notes: list[str]) -> Array:
     largest, jump = (float(np.max(np.abs(x), initial=0.0)) for x in (finite, np.diff(finite)))
     if word in ("rad", "radian", "radians"):
         if jump > 6.6:  # wrapped radians jump by 2π
-            raise MeasurementError(f"{where}: found a phase in {unit!r} that jumps by {jump:.3g}; expected {_DEGREES}")
+            raise refusal(where, f"a phase in {unit!r} that jumps by {jump:.3g}", _DEGREES)
         return values
     if word in ("deg", "°", "degree", "degrees", "grad"):
         if 3.1 < largest < 3.1416 and jump > 6:
-            raise MeasurementError(f"{where}: found a phase in {unit!r} from -π to π; expected {_DEGREES}")
+            raise refusal(where, f"a phase in {unit!r} from -π to π", _DEGREES)
         return np.deg2rad(values)
     if word:
-        raise MeasurementError(f"{where}: found the phase in {unit!r}; expected deg or rad; correct the header")
+        raise refusal(where, f"the phase in {unit!r}", "deg or rad", "correct the header")
     # no column of radians reaches beyond a few turns, no column of degrees of a resonance stays within them
     if largest <= 4 * np.pi:
-        raise MeasurementError(f"{where}: found a phase without unit; expected [deg] or [rad]; add it to the header")
+        raise refusal(where, "a phase without unit", "[deg] or [rad]", "add it to the header")
     notes.append("phase without unit taken as degrees, since it passes 4π")
     return np.deg2rad(values)

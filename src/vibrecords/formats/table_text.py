@@ -16,7 +16,7 @@ from typing import Literal, cast
 import numpy as np
 
 from vibrecords.arrays import Array, Quantity
-from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.errors import MeasurementError, refusal, require_at_most
 from vibrecords.formats.names import NAMES
 from vibrecords.formats.units import TIME_S, frequency_factor, is_of_two_signals, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, half_a_digit, require_short
@@ -176,8 +176,8 @@ def layout_axis(layout: Mapping[str, str] | None) -> str | None:
     """What the layout says of the first column of a table: time or frequency_hz; nothing else can be said of one."""
     axis, *others = (layout or {}).get("axis"), *(key for key in layout or {} if key != "axis")
     if others or axis not in (None, "time", "frequency_hz"):
-        found, expected = f"found {', '.join(others)[:60] or axis!r} for a table", "axis, which is time or frequency_hz"
-        raise MeasurementError.of("[data.layout]", (), found, expected, "name columns in the file's header")
+        found, expected = f"{', '.join(others)[:60] or axis!r} for a table", "axis, which is time or frequency_hz"
+        raise refusal("[data.layout]", found, expected, "name columns in the file's header")
     return axis
 
 
@@ -193,8 +193,7 @@ def groups_of(
     """Numbers of the columns that belong together, their axis first, with notes; roles are written into `columns`."""
     note: tuple[str, ...] = ()
     if not used:
-        found, expected = f"found {describe(columns)}", "frequency or time, and what was measured"
-        raise MeasurementError.of("header", (), found, expected, "name the columns")
+        raise refusal("header", describe(columns), "frequency or time, and what was measured", "name the columns")
     names = [columns[i].header for i in used]
     pairs = [_XY.fullmatch(f"{x} {y}") for x, y in zip(names[::2], names[1::2], strict=False)]
     if pairs and all(pairs) and len(used) == 2 * len(pairs):
@@ -212,15 +211,14 @@ def groups_of(
         columns[used[0]], told = _infer_axis(columns[used[0]], values[:, used[0]], used[0], axis)
         axes, note = [used[0]], (*note, *told)
     elif axis is not None and not columns[axes[0]].unit and columns[axes[0]].role != axis.partition("_")[0]:
-        found, expected = f"found {columns[axes[0]].header!r}, and axis = {axis!r} in the layout", "one of the two"
-        raise MeasurementError.of(f"column {axes[0] + 1}", (), found, expected, "correct the layout")
+        found = f"{columns[axes[0]].header!r}, and axis = {axis!r} in the layout"
+        raise refusal(f"column {axes[0] + 1}", found, "one of the two", "correct the layout")
     rest = [i for i in used if i >= axes[0] or columns[i].header or not _counts(values[:, i])]
     if len(axes) == 1:
         return [([axes[0], *(i for i in rest if i != axes[0])], note)]
     if rest[0] != axes[0]:
-        found = f"found {columns[rest[0]].header!r} before the first axis"
-        expected = "frequency or time before the channels that belong to it"
-        raise MeasurementError.of(f"column {rest[0] + 1}", (), found, expected, "move the column")
+        found, remedy = f"{columns[rest[0]].header!r} before the first axis", "move the column"
+        raise refusal(f"column {rest[0] + 1}", found, "frequency or time before the channels that belong to it", remedy)
     groups = [rest[first:last] for first, last in itertools.pairwise([*(rest.index(i) for i in axes), len(rest)])]
     return [(group, note) for group in groups if len(group) > 1] or [(groups[0], note)]
 
@@ -255,8 +253,8 @@ def _infer_axis(column: Column, x: Array, number: int, axis: str | None) -> tupl
     if rises and x[0] >= 0 and x[-1] <= _HIGHEST_LINE and (step >= FREQUENCY_STEP if even else _are_lines(x)):
         return Column("frequency", "", "Hz"), (f"no name: {named} taken as frequency in Hz, since it goes {because}",)
     if not rises:
-        found, expected = f"found {because or 'nothing'}, and no column of frequency or time", "one whose numbers rise"
-        raise MeasurementError.of(named, (), found, expected, "name the column")
+        found = f"{because or 'nothing'}, and no column of frequency or time"
+        raise refusal(named, found, "one whose numbers rise", "name the column")
     raise MeasurementError(
         f"{named}: found numbers {because} and no name; expected to know whether they are time in s ({1 / step:g} "
         f"samples a second) or frequency (lines up to {x[-1]:g} Hz); say {_AXIS_KEY}, or name the column"
@@ -352,10 +350,10 @@ def text_lines(path: Path) -> Lines:
             if text.lstrip().startswith("\x1a"):  # Ctrl-Z ends a text of DOS
                 return
             if len(text) == _LONGEST_LINE:
-                found, expected = f"found a line longer than {_LONGEST_LINE >> 20} MiB", "rows of a table"
-                raise MeasurementError.of(f"line {number}", (), found, expected, "export the file again")
+                found = f"a line longer than {_LONGEST_LINE >> 20} MiB"
+                raise refusal(f"line {number}", found, "rows of a table", "export the file again")
             if "\0" in text:
-                raise MeasurementError(f"line {number}: found a NUL byte; expected text; save as plain text in UTF-8")
+                raise refusal(f"line {number}", "a NUL byte", "text", "save as plain text in UTF-8")
             if not wide and not text.isascii():
                 text = plain_text(text.encode("utf-8", "surrogateescape"))
             yield number, text.removeprefix("\ufeff" if number == 1 else "").rstrip("\n")
@@ -418,16 +416,15 @@ def read_text_table(lines: Lines) -> ColumnTable:
     if gaps:
         raise bad_number("", f"line {min(gaps.values())}")
     if delimiter == "," and not any(header) and count > 2 and (values == np.rint(values)).all():
-        raise MeasurementError(
-            f"line {first[0][0]}: found {count} columns of whole numbers without names; expected to know whether the "
-            "comma parts columns or is the decimal sign; name the columns in a first line, or part them by semicolons"
-        )
+        expected = "to know whether the comma parts columns or is the decimal sign"
+        remedy = "name the columns in a first line, or part them by semicolons"
+        raise refusal(f"line {first[0][0]}", f"{count} columns of whole numbers without names", expected, remedy)
     if pairs:
         others = [number for columns, number in complex_at.items() if number >= first[0][0] and columns != pairs]
         if others or (0 in pairs and (values[:, 1] != 0).any()):
-            found = "found complex numbers in the first column or changing ones"
-            expected, remedy = "a frequency, then complex FRFs in the same columns throughout", "export it again"
-            raise MeasurementError.of(f"line {max(others, default=first[0][0])}", (), found, expected, remedy)
+            found = "complex numbers in the first column or changing ones"
+            expected = "a frequency, then complex FRFs in the same columns throughout"
+            raise refusal(f"line {max(others, default=first[0][0])}", found, expected, "export it again")
         names = [name or f"output {i} / input 1" if i in pairs and i else name for i, name in enumerate(header)]
         parts = (("real ", "imaginary ") if i in pairs and i else ("",) for i in range(len(names)))
         header = tuple(part + name for name, of_name in zip(names, parts, strict=True) for part in of_name)
@@ -517,11 +514,10 @@ def _head(lines: Lines, comments: dict[str, str]) -> tuple[list[_TableHead], lis
         if row is None:
             head.append(_TableHead(number, line))
         if len(head) > _LONGEST_HEADER:
-            raise MeasurementError(f"line {number}: found no row of numbers so far; expected a table; correct the file")
+            raise refusal(f"line {number}", "no row of numbers so far", "a table", "correct the file")
     if row is None or delimiter is None:
-        found = "found no row of two numbers or more in the file"
-        expected, remedy = "a table of frequency, real and imaginary part", "export the FRF as text"
-        raise MeasurementError.of(f"line {(head[-1].number if head else 1)}", (), found, expected, remedy)
+        found, expected = "no row of two numbers or more in the file", "a table of frequency, real and imaginary part"
+        raise refusal(f"line {head[-1].number if head else 1}", found, expected, "export the FRF as text")
     return head, [row], delimiter
 
 
@@ -581,8 +577,8 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
         roles = [column_of(name).role for name in names if name]
         if (len(names) > 2 and set(roles) != {"other"}) or (roles[:1] in (["frequency"], ["time"]) and roles[1:]):
             comma = ", and commas that are no decimal signs" if delimiter == "," and len(names) < count else ""
-            found = f"found {len(names)} names above {count} columns of numbers"
-            raise MeasurementError.of(f"line {number}", (), found, f"one for each column{comma}", "correct the header")
+            found = f"{len(names)} names above {count} columns of numbers"
+            raise refusal(f"line {number}", found, f"one for each column{comma}", "correct the header")
         names = [""] * count
     elif count == 2 and not any(units) and _NUMBER.fullmatch(names[1]):
         names = [""] * count  # a key and its value
@@ -617,8 +613,8 @@ def _cells(line: _TableHead, delimiter: str, count: int) -> list[str]:
             splits = (line.text.split(), re.split(r"\s{2,}|[\t;,]", line.text.strip()), _NAME.findall(line.text))
             cells = next((split for split in splits if len(split) == count), splits[0])
     except csv.Error as error:
-        found, remedy = f"found a header that cannot be read ({error})", "correct the header or save the file again"
-        raise MeasurementError.of(f"line {line.number}", (), found, "a name for each column", remedy) from None
+        found, expected = f"a header that cannot be read ({error})", "a name for each column"
+        raise refusal(f"line {line.number}", found, expected, "correct the header or save the file again") from None
     cells = [cell.strip() for cell in cells]
     while len(cells) > max(count, 1) and not cells[-1]:
         cells.pop()
@@ -655,9 +651,9 @@ def _split_rows(
         if delimiter != ",":
             comma, point = comma or "," in line, point or "." in line
             if comma and point:
-                found = f"found {line.strip()[:40]!r}, points and commas in one table's numbers"
+                found = f"{line.strip()[:40]!r}, points and commas in one table's numbers"
                 expected = "one decimal sign and no separators of thousands"
-                raise MeasurementError.of(f"line {number}", (), found, expected, "export the file again")
+                raise refusal(f"line {number}", found, expected, "export the file again")
             line = line.replace(",", ".") if comma else line
         if '"' in line:
             line = line.replace('"', "")
@@ -684,8 +680,8 @@ def read_rows(
     gaps: dict[int, int] = {}
     for number, fields in rows:
         if len(fields) != count:
-            expected, remedy = f"{count} as in the rows before", "the file is cut off or damaged, export it again"
-            raise MeasurementError.of(f"line {number}", (), f"found {len(fields)} fields", expected, remedy)
+            remedy = "the file is cut off or damaged, export it again"
+            raise refusal(f"line {number}", f"{len(fields)} fields", f"{count} as in the rows before", remedy)
         try:
             numbers.extend(list(map(float, fields)))
         except ValueError:

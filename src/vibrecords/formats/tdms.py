@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.errors import refusal, require_at_most
 from vibrecords.formats.table_text import Column, ColumnTable, Role, column_of, describe
 from vibrecords.formats.units import unit_attribute
 from vibrecords.records import MOST_COLUMNS, reading_package, refuse_damage, require_short
@@ -36,8 +36,8 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
         channels = [channel for group in file.groups() for channel in group.channels()]
         size = path.stat().st_size
         if len(channels) > MOST_COLUMNS or sum(map(len, channels)) > size:
-            found, expected = f"found {sum(map(len, channels))} values in {size} bytes", "fewer"
-            raise MeasurementError.of("content", (), found, expected, "copy the file again")
+            found = f"{sum(map(len, channels))} values in {size} bytes"
+            raise refusal("content", found, "fewer", "copy the file again")
         scales = (o.properties.get("NI_Number_Of_Scales", 0) for o in (file, *file.groups(), *channels))
         require_at_most(_MOST_SCALES, max(map(int, scales)), "content", "scales of a channel", "copy it again")
         status = file.file_status
@@ -101,9 +101,8 @@ def _group_table(
                 columns.append(column_of(f"{part} {c.name} [{c.unit}]" if c.unit else f"{part} {c.name}"))
                 arrays.append(values)
     if not clocks and not any(column.role in ("time", "frequency") for column in columns) and not layout:
-        found = f"found {describe(columns)} without a wf_increment"
-        expected = "the time between samples, or a channel named time or frequency"
-        raise MeasurementError.of(place, (), found, expected, "export the channels as waveforms")
+        found, remedy = f"{describe(columns)} without a wf_increment", "export the channels as waveforms"
+        raise refusal(place, found, "the time between samples, or a channel named time or frequency", remedy)
     table = np.full((max(a.size for a in arrays), len(arrays)), np.nan)
     for i, array in enumerate(arrays):
         table[: array.size, i] = array

@@ -25,7 +25,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError, require_at_most
+from vibrecords.errors import MeasurementError, refusal, require_at_most
 from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
 from vibrecords.formats.table_text import axis_role, bad_number, float_of, plain_text
 from vibrecords.formats.units import (
@@ -299,8 +299,8 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
         if not line.strip() or ((number == 0 or is_ended) and not _DELIMITER.fullmatch(line)):
             continue
         if not _DELIMITER.fullmatch(line):
-            found, remedy = f"found {_shown(line)} between data sets", "the file is damaged or cut off, export it again"
-            raise MeasurementError.of(f"line {line_of(file, here)}", (), found, "the delimiter -1", remedy)
+            found, remedy = f"{_shown(line)} between data sets", "the file is damaged or cut off, export it again"
+            raise refusal(f"line {line_of(file, here)}", found, "the delimiter -1", remedy)
         number += 1
         yield _data_set(file, number)
 
@@ -311,10 +311,9 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     match = re.match(rb"[ \t]*(\d{1,6})([bB]?)(?=\s|$)", line)
     if match is None:
         actual = "the end of the file" if not line else _shown(line)
-        raise MeasurementError(
-            f"data set {number}, line {line_of(file, here)}: found {actual}; expected the number of the data set's "
-            "type, such as 58; the file is damaged or cut off, export it again"
-        )
+        expected = "the number of the data set's type, such as 58"
+        remedy = "the file is damaged or cut off, export it again"
+        raise refusal(f"data set {number}, line {line_of(file, here)}", actual, expected, remedy)
     kind, binary = int(match[1]), bool(match[2])
     start = file.tell()
     if kind != 58:
@@ -329,9 +328,9 @@ def _data_set(file: BinaryIO, number: int) -> UffDataSet:
     file.seek(stop)
     end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|$)", file.read(_OVERLAP))
     if end is None:
-        found = f"found no delimiter -1 after the {size} bytes of {header.count} values"
+        found = f"no delimiter -1 after the {size} bytes of {header.count} values"
         remedy = "the file is cut off or its counts are wrong, export it again"
-        raise MeasurementError(f"data set {number}, line {line_of(file, here)}: {found}; expected it there; {remedy}")
+        raise refusal(f"data set {number}, line {line_of(file, here)}", found, "it there", remedy)
     file.seek(stop + end.end())
     return UffDataSet(number, kind, start, stop, header)
 
@@ -374,10 +373,9 @@ def _closing(file: BinaryIO, number: int, start: int) -> int:
             file.seek(base + match.end())
             return base + match.start() + 1
         if not chunk:
-            raise MeasurementError(
-                f"data set {number}, line {line_of(file, base + len(buffer))}: found the end of the file; expected the "
-                "delimiter -1 that ends the data set; the file is cut off, export it again"
-            )
+            found = "the end of the file"
+            expected, remedy = "the delimiter -1 that ends the data set", "the file is cut off, export it again"
+            raise refusal(f"data set {number}, line {line_of(file, base + len(buffer))}", found, expected, remedy)
         keep = min(len(buffer), _OVERLAP)
         base += len(buffer) - keep
         buffer = buffer[len(buffer) - keep :]
@@ -803,9 +801,8 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
                 del record  # before the next is read
         if empty:
             kinds = ", ".join(map(str, sorted({data_set.kind for data_set, _, _ in source.sets})[:10])) or "none"
-            found = f"found {len(source.sets)} of the types {kinds}, and no FRF, time history or mode among them"
-            expected = "data sets 58 of function type 4 or 1, or 55 of modes"
-            raise MeasurementError(f"data sets: {found}; expected {expected}; export the FRFs")
+            found = f"{len(source.sets)} of the types {kinds}, and no FRF, time history or mode among them"
+            raise refusal("data sets", found, "data sets 58 of function type 4 or 1, or 55 of modes", "export the FRFs")
 
 
 def _index(file: BinaryIO) -> _UniversalFile:
@@ -813,9 +810,8 @@ def _index(file: BinaryIO) -> _UniversalFile:
     for data_set in scan(file):
         behind = file.tell()
         if data_set.number > _MOST_SETS:
-            found = f"found more than {_MOST_SETS}"
             expected = f"at most {MOST_RECORDS} FRFs and time histories with what belongs to them"
-            raise MeasurementError.of("data sets", (), found, expected, "split the file")
+            raise refusal("data sets", f"more than {_MOST_SETS}", expected, "split the file")
         if data_set.kind == 164:
             with source.located(data_set):
                 source.units[data_set.number] = units_of(source.body(data_set, 4096))
@@ -859,9 +855,8 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
     role = {17: "time", 18: "frequency"}.get(axis_kind) or axis_role(axis_unit)
     if role == ("frequency" if kind == _TIME else "time"):
         axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
-        expected = "time (17, s)" if kind == _TIME else "frequency (18, Hz)"
-        remedy = "correct the type of function or the axis"
-        raise MeasurementError(f"{where}: found a function of type {kind} over {axis}; expected {expected}; {remedy}")
+        found, remedy = f"a function of type {kind} over {axis}", "correct the type of function or the axis"
+        raise refusal(where, found, "time (17, s)" if kind == _TIME else "frequency (18, Hz)", remedy)
     if kind == _TIME:
         return _time(source, data_set, response, nth if len(source.places[place]) > 1 else None)
     if kind == _FRF:
@@ -917,8 +912,7 @@ def _averages(header: FunctionHeader) -> int | None:
 def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
     header, abscissa, ordinate = source.function(data_set)
     if header.is_complex:
-        found, expected = "found complex values of a time history", "real ones"
-        raise MeasurementError.of(f"data set {data_set.number}", (), found, expected, "export again")
+        raise refusal(f"data set {data_set.number}", "complex values of a time history", "real ones", "export again")
     scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
     instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
     exact, place = float_of(header.said("sample_rate_hz=")), f"data set {data_set.number}"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Quantity, SensorQuantity
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.formats.names import NAMES, factors_of
 
 Q = TypeVar("Q")
@@ -295,7 +295,7 @@ def in_hz(lines: NDArray[np.float64], unit: str, where: str, remedy: str) -> tup
     """
     factor = frequency_factor(unit)
     if factor is None:
-        raise MeasurementError(f"{where}: found the unit {unit!r}; expected Hz or rad/s; {remedy}")
+        raise refusal(where, f"the unit {unit!r}", "Hz or rad/s", remedy)
     with np.errstate(over="ignore"):
         return lines * factor, [f"frequency in {unit} converted to Hz"] if factor != 1 else []
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrecords.arrays import Array
-from vibrecords.errors import MeasurementError, WriteError, require_one_of
+from vibrecords.errors import MeasurementError, WriteError, refusal, require_one_of
 from vibrecords.files import whole_file
 from vibrecords.formats.units import SI_SENSOR, si_frf_unit
 from vibrecords.formats.written_by import WRITTEN_BY
@@ -73,9 +73,9 @@ def write_records(records: Iterable[Record], path: str | Path, format: str = "cs
     path, records = Path(path), tuple(records)
     require_written(format, str(path))
     if not records:
-        raise MeasurementError(f"{path}: found nothing to write; expected FRFs or time histories; give at least one")
+        raise refusal(path, "nothing to write", "FRFs or time histories", "give at least one")
     if any(getattr(record, "factor", 1.0) is None for record in records):
-        raise MeasurementError(f"{path}: found records in no SI unit; expected SI units; convert them before")
+        raise refusal(path, "records in no SI unit", "SI units", "convert them before")
     if "\0" in str(path):
         raise WriteError(f"{path}: found a null byte in it, so that it cannot be written; expected a path; correct it")
     try:
@@ -84,8 +84,8 @@ def write_records(records: Iterable[Record], path: str | Path, format: str = "cs
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     except UnicodeEncodeError as error:
-        found, expected = f"found a label that is no text ({error.object[:30]!r})", "characters"
-        raise MeasurementError.of(str(path), (), found, expected, "rename it") from None
+        found = f"a label that is no text ({error.object[:30]!r})"
+        raise refusal(str(path), found, "characters", "rename it") from None
 
 
 def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
@@ -99,7 +99,7 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
     frfs = [record for record in records if isinstance(record, FrfRecord)]
     times = [record for record in records if isinstance(record, TimeRecord)]
     if bool(frfs) == bool(times):
-        raise MeasurementError("table: found FRFs and time histories, or neither; expected one kind; write a file each")
+        raise refusal("table", "FRFs and time histories, or neither", "one kind", "write a file each")
     if frfs:
         names, columns, comments = _frf_columns(frfs)
         for r in (r for r in records if isinstance(r, SpectrumRecord)):
@@ -108,8 +108,7 @@ def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[st
         return names, columns, comments
     rate, size = times[0].sample_rate_hz, times[0].values.size
     if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
-        found, expected = "found time histories of different rates or lengths", "one time axis"
-        raise MeasurementError.of("table", (), found, expected, "write a file for each")
+        raise refusal("table", "time histories of different rates or lengths", "one time axis", "write a file for each")
     labels = (r.channel if r.hit is None else f"{r.channel} hit {r.hit}" for r in times)
     names = [f"{label} [{SI_SENSOR[r.quantity]}]" for label, r in zip(labels, times, strict=True)]
     columns = [np.arange(size) / rate, *(r.values for r in times)]
@@ -121,7 +120,7 @@ def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dic
     names, columns = ["frequency [Hz]"], [lines]
     for r in frfs:
         if not np.array_equal(r.frequency_hz, lines):
-            raise MeasurementError("table: found FRFs on different lines; expected one axis; write a file for each")
+            raise refusal("table", "FRFs on different lines", "one axis", "write a file for each")
         pair = f"{r.response} / {r.reference}"
         unit = f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
         names += [f"real {pair}{unit}", f"imaginary {pair}{unit}"]

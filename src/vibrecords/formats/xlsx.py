@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats.array_files import zip_entries
 from vibrecords.formats.table_text import ColumnTable, Lines, read_text_table
 from vibrecords.records import Record, reading_package, refuse_damage
@@ -31,8 +31,8 @@ def read_xlsx(path: Path, records_of: Callable[[ColumnTable], Iterable[Record]])
     openpyxl = reading_package("openpyxl", "an Excel file", "save the sheet as CSV")
     size = sum(entry.file_size for entry in zip_entries(path))
     if size > _MOST_BYTES:
-        found, expected = f"found {size / 1000000.0:.3g} MB when unpacked", f"at most {_MOST_BYTES >> 20}"
-        raise MeasurementError.of("workbook", (), found, expected, "save it as CSV")
+        found = f"{size / 1000000.0:.3g} MB when unpacked"
+        raise refusal("workbook", found, f"at most {_MOST_BYTES >> 20}", "save it as CSV")
     tables: dict[str, ColumnTable] = {}
     refused: dict[str, MeasurementError] = {}
     damage = refuse_damage("workbook", "an Excel file; save it again, or as CSV")
@@ -78,7 +78,7 @@ def _lines(sheet: Any) -> Lines:  # noqa: ANN401 - openpyxl has no types
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
         cells += len(row) + 1
         if cells > _MOST_CELLS:
-            raise MeasurementError(f"line {number}: found over {_MOST_CELLS} cells; expected fewer; save it as CSV")
+            raise refusal(f"line {number}", f"over {_MOST_CELLS} cells", "fewer", "save it as CSV")
         yield number, "\t".join(map(_cell, row))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, stretch_about
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.records import TimeRecord, measurable
 
 #: So many equal samples in a row at the very top are a clipped signal.
@@ -55,14 +55,11 @@ class HitSettings:
 
     def __post_init__(self) -> None:
         if not (0 < self.trigger_level < 1 and 0 < self.double_hit_level < 1):
-            raise MeasurementError(
-                f"hits: found a trigger level of {self.trigger_level:g} and a level of double hits of "
-                f"{self.double_hit_level:g}; expected fractions between 0 and 1; correct them"
-            )
+            found = f"a trigger level of {self.trigger_level:g} and a level of double hits of {self.double_hit_level:g}"
+            raise refusal("hits", found, "fractions between 0 and 1", "correct them")
         if (self.block_s is not None and not self.block_s > 0) or not self.pretrigger_s >= 0:
-            found = f"found blocks of {self.block_s} s that begin {self.pretrigger_s:g} s before the trigger"
-            expected = "a length above 0 and a pretrigger of at least 0"
-            raise MeasurementError.of("hits", (), found, expected, "correct them")
+            found = f"blocks of {self.block_s} s that begin {self.pretrigger_s:g} s before the trigger"
+            raise refusal("hits", found, "a length above 0 and a pretrigger of at least 0", "correct them")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +120,7 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
     quiet = [r.values - np.median(r.values) if r.values.size else r.values for r in forces]
     largest = max((float(np.abs(x).max(initial=0.0)) for x in quiet), default=0.0)
     if not largest > 0:
-        raise MeasurementError(f"hits: found no force in {len(forces)} records; expected a hammer's; check the channel")
+        raise refusal("hits", f"no force in {len(forces)} records", "a hammer's", "check the channel")
     hits: list[Hit] = []
     for i, (record, x) in enumerate(zip(forces, quiet, strict=True)):
         hits += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)

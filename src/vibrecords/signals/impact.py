@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.formats.grid import join_frfs
 from vibrecords.frf_set import FrfSet
 from vibrecords.modal_fit import identify_modes
@@ -58,16 +58,16 @@ def impact_frfs(
     """
     chosen = settings or ImpactSettings()
     if not responses:
-        raise MeasurementError("impact: found no response; expected one or more; add the records of a response")
+        raise refusal("impact", "no response", "one or more", "add the records of a response")
     together = [spectra.pair_records(forces, response) for response in responses]
     hits = find_hits(forces, chosen.hits)
     for response in responses:
         hits = reject_overloads(hits, response, chosen.hits)
     if not any(hit.kept for hit in hits):
         reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
-        found = f"found no hit to keep among {len(hits)} ({reasons})"
-        expected, remedy = "at least one", "hit again, or change block, pretrigger or levels"
-        raise MeasurementError.of(f"impact on {forces[0].channel!r}", (), found, expected, remedy)
+        found = f"no hit to keep among {len(hits)} ({reasons})"
+        remedy = "hit again, or change block, pretrigger or levels"
+        raise refusal(f"impact on {forces[0].channel!r}", found, "at least one", remedy)
     return tuple(_estimate(pairs, hits, chosen) for pairs in together)
 
 
@@ -77,8 +77,8 @@ def _estimate(
     rate, kept = pairs[0][0].sample_rate_hz, [hit for hit in hits if hit.kept]
     lengths = {settings.hits.samples(pairs[hit.record][0]) for hit in kept}
     if len(lengths) > 1:
-        found, remedy = f"found blocks of {min(lengths)} to {max(lengths)} samples", "give block_s to cut them alike"
-        raise MeasurementError.of(f"impact on {pairs[0][0].channel!r}", (), found, "one length", remedy)
+        found = f"blocks of {min(lengths)} to {max(lengths)} samples"
+        raise refusal(f"impact on {pairs[0][0].channel!r}", found, "one length", "give block_s to cut them alike")
     (samples,) = lengths
     frequency, lines = spectra.kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     decay = windows.exponential_window(samples, settings.exponential_end)
@@ -135,9 +135,8 @@ def settings_of(records: Sequence[TimeRecord], f_min_hz: float | None, f_max_hz:
     of_hammer = [(record, hits_of(record)) for forces, _ in spectra.sort_by_force(records) for record in forces]
     other = next((record for record, hits in of_hammer if not hits), None)
     if other is not None:
-        found = f"found a force on {other.channel!r} that is no hammer's"
-        expected, remedy = "hits, or how FRFs are made", 'write method = "shaker" and block_s in [data.records]'
-        raise MeasurementError.of(other.where, (), found, expected, remedy)
+        found, expected = f"a force on {other.channel!r} that is no hammer's", "hits, or how FRFs are made"
+        raise refusal(other.where, found, expected, 'write method = "shaker" and block_s in [data.records]')
     gaps = np.concatenate(
         [np.diff([hit.trigger for hit in hits]) / record.sample_rate_hz for record, hits in of_hammer]
     )
@@ -187,10 +186,9 @@ def without_window(frf: FrfSet) -> tuple[FrfSet, str]:
     rate, measured = frf.window_rate, replace(frf, window_rate=0.0)
     modes = identify_modes(_lower_coherence(measured, rate))
     if not modes:
-        raise MeasurementError(
-            f"exponential window: found no mode in the FRFs of {frf.inputs[0]!r}; expected some, by which the "
-            "window's damping can be taken out; widen the band or use longer blocks without a window"
-        )
+        found = f"no mode in the FRFs of {frf.inputs[0]!r}"
+        expected = "some, by which the window's damping can be taken out"
+        raise refusal("exponential window", found, expected, "widen the band or use longer blocks without a window")
     frequency, ratio = np.array([(mode.frequency_hz, mode.damping_ratio) for mode in modes]).T
     note = f"damping of the exponential window ({rate:.6g} 1/s) taken out by the {len(modes)} modes that were found"
     return windows.remove_added_damping(measured, frequency, ratio, rate), note

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts load at first use
 
 from vibrecords.arrays import Array, ComplexArray, Indices
-from vibrecords.errors import MeasurementError, require_one_of
+from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.formats.units import MOTION_OF, si_frf_unit
 from vibrecords.records import LARGEST, FrfRecord, TimeRecord, measurable
 from vibrecords.signals.hits import HitSettings
@@ -77,9 +77,8 @@ def estimate_frf(
     silent = np.flatnonzero((of_force == 0) | (cross == 0))
     if silent.size:
         what = "force" if of_force[silent[0]] == 0 else "response that belongs to the force"
-        found = f"found no {what} at line {int(silent[0]) + 1} of {cross.size}"
-        expected, remedy = "some at every line", "look at the channel, or choose a band that the force reaches"
-        raise MeasurementError.of("FRF estimate", (), found, expected, remedy)
+        found, expected = f"no {what} at line {int(silent[0]) + 1} of {cross.size}", "some at every line"
+        raise refusal("FRF estimate", found, expected, "look at the channel, or choose a band that the force reaches")
     coherence: Array = np.minimum(np.abs(cross) ** 2 / (of_force * of_response), 1.0)
     return cross / of_force / coherence ** {"H1": 0.0, "H2": 1.0, "Hv": 0.5}[estimator], coherence
 
@@ -157,9 +156,8 @@ class ShakerSettings:
 
     def __post_init__(self) -> None:
         if not (self.block_s > 0 and 0 <= self.overlap < 1):
-            found = f"found blocks of {self.block_s:g} s with an overlap of {self.overlap:g}"
-            expected = "a length above 0 and an overlap of at least 0 and below 1"
-            raise MeasurementError.of("shaker", (), found, expected, "correct them")
+            found = f"blocks of {self.block_s:g} s with an overlap of {self.overlap:g}"
+            raise refusal("shaker", found, "a length above 0 and an overlap of at least 0 and below 1", "correct them")
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,9 +253,9 @@ def kept_lines(
     close = 1e-6 * every[1]
     kept: Indices = np.flatnonzero((every >= low - close) & (every <= high + close) & (every > 0))
     if not kept.size:
-        found = f"found no line between {low:g} and {high:g} Hz"
+        found = f"no line between {low:g} and {high:g} Hz"
         expected = f"a band that holds multiples of {every[1]:g} Hz up to {every[-1]:g} Hz"
-        raise MeasurementError.of("FRF estimate", (), found, expected, "widen the band or lengthen the blocks")
+        raise refusal("FRF estimate", found, expected, "widen the band or lengthen the blocks")
     return every[kept], kept
 
 
@@ -274,15 +272,15 @@ def pair_records(forces: Sequence[TimeRecord], responses: Sequence[TimeRecord]) 
     for x, y in pairs:
         where = f"time records {x.channel!r} and {y.channel!r}" + (f", hit {x.hit}" if x.hit is not None else "")
         if x.quantity != "force" or y.quantity not in _QUANTITY or y.quantity != responses[0].quantity:
-            expected, remedy = f"force and one kind of motion ({', '.join(_QUANTITY)})", "name the channels right"
-            raise MeasurementError.of(where, (), f"found {x.quantity} and {y.quantity}", expected, remedy)
+            expected = f"force and one kind of motion ({', '.join(_QUANTITY)})"
+            raise refusal(where, f"{x.quantity} and {y.quantity}", expected, "name the channels right")
         if x.values.shape != y.values.shape or {x.sample_rate_hz, y.sample_rate_hz} != {rate} or not rate > 0:
             sizes, rates = f"{x.values.size} and {y.values.size}", f"{x.sample_rate_hz:g} and {y.sample_rate_hz:g}"
-            expected = f"the same of both and of all records ({rate:g} per second); export the channels together"
-            raise MeasurementError(f"{where}: found {sizes} samples at {rates} per second; expected {expected}")
+            expected = f"the same of both and of all records ({rate:g} per second)"
+            raise refusal(where, f"{sizes} samples at {rates} per second", expected, "export the channels together")
         if not (measurable(x.values).all() and measurable(y.values).all()):
-            found, expected = f"found NaN, infinity or a number beyond {LARGEST:g} or its inverse", "measured samples"
-            raise MeasurementError.of(where, (), found, expected, "drop or repair the record")
+            found = f"NaN, infinity or a number beyond {LARGEST:g} or its inverse"
+            raise refusal(where, found, "measured samples", "drop or repair the record")
     return pairs
 
 
@@ -306,25 +304,23 @@ def sort_by_force(records: Sequence[TimeRecord]) -> list[tuple[list[TimeRecord],
     driven: dict[int | None, str] = {}
     for record in records:
         if record.quantity == "force" and driven.setdefault(record.hit, record.channel) != record.channel:
-            found = f"found forces on {driven[record.hit]!r} and {record.channel!r} at once"
-            expected, remedy = "one at a time", "H1 of several forces at once is not offered"
-            raise MeasurementError.of("time records", (), found, expected, remedy)
+            found = f"forces on {driven[record.hit]!r} and {record.channel!r} at once"
+            raise refusal("time records", found, "one at a time", "H1 of several forces at once is not offered")
         channel_records = (forces if record.quantity == "force" else moved).setdefault(record.channel, {})
         if record.hit in channel_records:
             again = "" if record.hit is None else f" for hit {record.hit}"
-            found, expected = f"found {record.channel!r} twice{again}", "it once"
-            raise MeasurementError.of("time records", (), found, expected, "number the hits")
+            raise refusal("time records", f"{record.channel!r} twice{again}", "it once", "number the hits")
         channel_records[record.hit] = record
     if not forces:
-        raise MeasurementError("time records: found no force; expected one channel of it; name the channels right")
+        raise refusal("time records", "no force", "one channel of it", "name the channels right")
     tests = []
     for channel, by_hit in forces.items():
         responses = [channel_records for channel_records in moved.values() if channel_records.keys() & by_hit.keys()]
         for channel_records in responses:
             if missing := by_hit.keys() - channel_records.keys():
                 name = next(iter(channel_records.values())).channel
-                found = f"found no response of {name!r} to hit {min(str(m) for m in missing)} on {channel!r}"
-                raise MeasurementError.of("time records", (), found, "one for each hit", "leave that hit out")
+                found = f"no response of {name!r} to hit {min(str(m) for m in missing)} on {channel!r}"
+                raise refusal("time records", found, "one for each hit", "leave that hit out")
         tests.append((list(by_hit.values()), [[of_channel[hit] for hit in by_hit] for of_channel in responses]))
     return tests
 

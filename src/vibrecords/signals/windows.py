@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibrecords.arrays import POWER_OF_JW, Array, ComplexArray
-from vibrecords.errors import MeasurementError
+from vibrecords.errors import refusal
 from vibrecords.frf_set import FrfSet
 
 _TAPER = 0.25  # of the force window's length, cosine-shaped, follows its end
@@ -35,8 +35,7 @@ def exponential_window(samples: int, end: float) -> Array:
         If `end` is not above 0 and at most 1.
     """
     if not 0 < end <= 1:
-        found, expected = f"found {end:g} at its end", "a value above 0 and at most 1"
-        raise MeasurementError.of("exponential window", (), found, expected, "correct it")
+        raise refusal("exponential window", f"{end:g} at its end", "a value above 0 and at most 1", "correct it")
     return end ** (np.arange(samples) / samples)
 
 
@@ -80,9 +79,8 @@ def remove_added_damping(frf: FrfSet, frequency_hz: Array, damping_ratio: Array,
     true = -zeta * omega_r + 1j * omega_r * np.sqrt(np.maximum(1 - zeta**2, 0.0)) + rate
     before, after = _partial_fractions(measured_at, true), _partial_fractions(wanted_at, true)
     if 2 * omega.size < before.shape[1]:
-        found = f"found {omega.size} lines for {true.size} modes"
-        expected = f"at least {(before.shape[1] + 1) // 2} lines"
-        raise MeasurementError.of("exponential window", (), found, expected, "widen the band")
+        found = f"{omega.size} lines for {true.size} modes"
+        raise refusal("exponential window", found, f"at least {(before.shape[1] + 1) // 2} lines", "widen the band")
     receptance = frf.values.reshape(omega.size, -1) / measured_at[:, None] ** power
     corrected = np.empty_like(receptance)
     for i, column in enumerate(receptance.T):
