@@ -22,7 +22,7 @@ ROOMS = {
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
     "posterior": (3700, 4990),
-    "studies": (1700, 1920),
+    "studies": (1700, 1720),
     "case": (4000, 4990),
     "report": (2900, 3540),
     "cli and what stands alone": (1400, 1810),

@@ -131,5 +131,6 @@ WENT = {
     "remove": "delete it; a table of another kind, law, shape, distribution or source replaces the inherited one",
     "--resume": "leave it out, a run takes seconds and begins again",
     "--draws": "leave it out: a campaign keeps all draws of each case",
+    "--limit": "leave it out: end the worker of a case that takes too long, it is done again, the third time set aside",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }

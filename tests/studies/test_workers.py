@@ -5,7 +5,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import forkserver
@@ -36,9 +35,15 @@ def by_key(outcomes):
 @pytest.fixture(scope="module")
 def cluster():
     distributed = pytest.importorskip("distributed", reason="install jointbayes[cluster] for the tests on Dask")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
-    ) as cluster:
+    import dask
+
+    # on a busy machine a worker that was killed takes longer to come back than the 15 s after which it is given up
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "10 minutes"}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+    ):
         yield cluster
 
 
@@ -89,13 +94,6 @@ def test_value_that_cannot_be_sent_and_exit_are_errors_of_the_task():
     assert not found.killed_worker
 
 
-def test_task_that_hangs_is_ended_and_named():
-    found = by_key(run_tasks(task_functions.hang_some, numbered(4, (2,)), workers=2, seconds=2.0))
-    assert found["task 2"].error == "took longer than the 2 s allowed"
-    assert (found["task 2"].killed_worker, found["task 2"].attempts) == (True, 1)
-    assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]
-
-
 def test_first_task_runs_alone_and_then_as_many_as_there_are_workers():
     seen = []
     for _ in run_tasks(task_functions.slow_square, numbered(5, 0.7), workers=2, watch=seen.append):
@@ -137,14 +135,12 @@ SCRIPT, LOST = parts_named("workers").values()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_workers_end_with_their_driver_however_it_ends_and_remove_what_is_half_written(tmp_path, number, monkeypatch):
-    temporary = Path(tempfile.mkdtemp(prefix="jb-"))  # short, because the path of a socket has at most 107 characters
-    (temporary / "pymp-theirs").mkdir()  # of a program that is not ours
+def test_workers_end_with_their_driver_however_it_ends_and_remove_what_is_half_written(tmp_path, number):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(directory=str(tmp_path)))
     with subprocess.Popen(
         [sys.executable, script], stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(temporary)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     ) as driver:  # fmt: skip
         until = time.monotonic() + 60
         while not (marks := list(tmp_path.glob("pid-*"))) and time.monotonic() < until:
@@ -156,12 +152,6 @@ def test_workers_end_with_their_driver_however_it_ends_and_remove_what_is_half_w
         time.sleep(0.05)
     assert not alive(worker)
     assert not list(tmp_path.glob(".half-*"))
-    multiprocessing.util.get_temp_dir()  # that of this process, which would be made among these if this test ran first
-    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    assert len(list(temporary.glob("pymp-*"))) == (2 if number == signal.SIGKILL else 1)
-    list(run_tasks(task_functions.square, numbered(1), workers=1))  # the next start removes what a killed driver left
-    assert [place.name for place in temporary.glob("pymp-*")] == ["pymp-theirs"]
-    shutil.rmtree(temporary)
 
 
 def alive(pid):
@@ -184,7 +174,6 @@ def test_script_without_a_guard_is_told_to_have_one(tmp_path):
 
 @pytest.mark.parametrize(("settings", "message"), [
     ({"workers": 0}, "workers = 0"),
-    ({"seconds": -1.0}, "seconds = -1"),
     ({"executor": ThreadPoolExecutor, "scheduler": "tcp://127.0.0.1:1"}, "executor with scheduler"),
     ({"scheduler": "tcp://127.0.0.1:1"}, "scheduler: found none at tcp://127.0.0.1:1"),
 ])  # fmt: skip
@@ -287,14 +276,3 @@ def test_task_on_dask_writes_netcdf_as_anywhere_else(cluster):
         o.value or o.error for o in run_tasks(task_functions.store, numbered(3), scheduler=cluster.scheduler_address)
     ]
     assert found == [task_functions.store(0)] * 3
-
-
-@pytest.mark.science
-@pytest.mark.long
-def test_dask_worker_with_a_task_that_hangs_is_restarted(cluster):
-    found = by_key(
-        run_tasks(task_functions.hang_some, numbered(4, (2,)), scheduler=cluster.scheduler_address, seconds=2)
-    )
-    assert found["task 2"].killed_worker
-    assert "took longer than allowed" in found["task 2"].error
-    assert [found[f"task {i}"].value for i in (0, 1, 3)] == [0, 1, 9]

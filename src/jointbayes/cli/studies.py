@@ -188,7 +188,6 @@ def plan(given: Path, seed: int | None) -> None:
         sys.exit(common.NOT_CONVERGED)
 
 
-_TABLES = (".csv", ".tsv", ".txt")
 _SHOWN = 10  # cases that are named on the terminal
 
 
@@ -201,7 +200,6 @@ _SHOWN = 10  # cases that are named on the terminal
 @click.option("--scheduler", help="Address of a Dask scheduler, tcp://host:port, whose workers are used instead.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=1, help="Seed of the campaign; by default 1.")
 @click.option("--full", is_flag=True, help="Sample each case as long as `run` does, not only for 4000 effective draws.")
-@click.option("--limit", "seconds", type=click.FloatRange(min=0, min_open=True), help="Longest time for a case, s.")
 @common.outside_option
 def campaign(cases: tuple[Path, ...], out: Path | None, **settings: Any) -> None:  # noqa: ANN401 (as campaign has them)
     """Run many cases: rows of a table in CSV over a base case, or case files; one run directory each, and an index.
@@ -215,7 +213,7 @@ def campaign(cases: tuple[Path, ...], out: Path | None, **settings: Any) -> None
     show_stage(Progress("reading the cases"))
     from jointbayes.studies.campaign import campaign as run_all
 
-    target = out or Path("reports") / (cases[0].stem if cases[0].suffix.lower() in _TABLES else "campaign")
+    target = out or Path("reports") / ("campaign" if cases[0].suffix.lower() == ".toml" else cases[0].stem)
     kept = manner()
     kept.read += [*cases, *filter(None, [settings["base"]])]
     require_outside(target)

@@ -2,8 +2,8 @@
 
 1. Read the table: each row is a base case with other values for some keys. All faults are named before any work.
 2. Keep cases that are finished: their run directory is there, of the same case, data, seed and package.
-3. Do the others, side by side. A row of the index is on the disk as soon as its case has ended.
-4. Write the index in the order of the table, with the stiffnesses of all cases, and the page.
+3. Do the others, side by side. The index is written again, whole, each time that a case has ended.
+4. Write the page.
 """
 
 import csv
@@ -15,13 +15,10 @@ import re
 import time
 import tomllib
 import unicodedata
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from glob import glob
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +27,7 @@ from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.fields import named_files
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.case.toml_text import key_parts, toml_text
-from jointbayes.errors import CaseError, MeasurementError, ModelError, WriteError, similar
+from jointbayes.errors import CaseError, MeasurementError
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import limit_in_words
 from jointbayes.progress import Progress, ProgressCallback, callback_of
@@ -40,7 +37,7 @@ from jointbayes.report.model import Callout, ReportSection, Table
 from jointbayes.report.run_directory import write_into
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import engineering, join_unit
-from jointbayes.studies.workers import Outcome, run_tasks
+from jointbayes.studies.workers import run_tasks
 from jointbayes.workflow import load_posterior
 from vibrecords.errors import path_fault, printable
 from vibrecords.files import OwnDirectory, open_regular, real_directory, sweep, write_whole_file
@@ -51,17 +48,16 @@ if TYPE_CHECKING:
 #: File of the index, and the directory of run directories.
 INDEX, CASES = "index.csv", "cases"
 DONE, FAILED, KILLED = "done", "failed", "killed its worker"
-#: Columns that an index has whatever its cases are; those up to "code" are written as soon as a case has ended.
+#: Columns that an index has whatever its cases are.
 COLUMNS = ("key", "serial", "date", "status", "error", "attempts", "seed", "seconds", "fingerprint", "code")
 _OF_SUMMARY = ("converged", "reason", "explains")
 _OF_STIFFNESS = ("unit", "map", "median", "low95", "high95", "limit", "verdict")
 #: What workers have from the start: all that a case needs.
 _PRELOAD = ("jointbayes.workflow", "jointbayes.case.case", "jointbayes.studies.campaign")
 _OWN = ("key", "serial", "date", "case")  # columns that are no keys of a case file
-_MEANT = {"name": "key", "id": "key"}
-_MOST_BYTES, _MOST_CASES, _MOST_FAULTS, _LONGEST = 100_000_000, 200_000, 20, 80
-_MOST_ROWS, _MOST_STIFFNESSES, _MOST_WORDS = 300, 4, 160  # on the page
-_NAME = re.compile(r"\w[\w .+-]*", re.ASCII)  # of a file, on every system
+_MOST_FAULTS, _LONGEST = 20, 80
+_MOST_ROWS, _MOST_STIFFNESSES, _MOST_LETTERS = 300, 4, 160  # on the page
+_NAME = re.compile(r"\w[\w .+-]*(?<![. ])", re.ASCII)  # of a file, on every system
 _OF_BASE = re.compile(r"^(.+?:\d+): (.+?): ")  # line and key of a fault
 
 Row = dict[str, Any]
@@ -77,10 +73,12 @@ class CampaignCase:
         Name of the case and of its run directory.
     where
         Table and row, or the case file, for messages.
-    path
-        Case file, or base case; data files are looked for next to it.
+    base
+        Text of the case file, or of the base case.
+    directory
+        Directory of that file, in which data files are looked for.
     cells
-        Values of the table in place of the base's, by dotted key; None of a case file.
+        Values of the table in place of the base's, by dotted key.
     serial, date
         As the table has them; empty where it has none.
     allow_outside
@@ -89,106 +87,75 @@ class CampaignCase:
 
     key: str
     where: str
-    path: Path
-    cells: Mapping[str, str] | None = None
+    base: CaseText
+    directory: Path
+    cells: Mapping[str, str]
     serial: str = ""
     date: str = ""
     allow_outside: bool = False
 
-    def read(self) -> tuple[str, CaseSpec]:
-        """Return the text of the case, and the same checked.
+    def read(self) -> tuple[str, CaseSpec, tuple[str, ...]]:
+        """Return the text of the case, the same checked, and the names of the files that it names.
 
         A cell is what TOML makes of it, ``0.5``, ``true`` or ``["11:y"]``. What is no TOML, and what the key wants as
-        text, is text. An empty cell leaves the base's value.
+        text, is text.
 
         Raises
         ------
         CaseError
             One line for each fault, with the row and the column, or the line of the base.
         """
-        if self.cells is None:
-            source = read_case_text(self.path, self.allow_outside)
-            return source.text, parse_case(source)
-        base = _read_base(self.path, self.allow_outside)
-        given = {key: cell.strip() for key, cell in self.cells.items() if cell.strip()}
-        values = {key: _parsed(cell) for key, cell in given.items()}
-        data, spec, faults = self._judged(base, values)
-        if spec is None:  # a serial number as a title, for example, is a text
-            texts = {k: cell for k, cell in given.items() if any(f": {k}: " in fault for fault in faults)}
-            data, spec, _ = self._judged(base, values | texts)
-        if spec is None:
-            row = f"{printable(self.where)}: "
-            raise CaseError("\n".join(f if f.startswith(row) else row + _OF_BASE.sub(r"\2, \1: ", f) for f in faults))
-        return toml_text(data), spec
+        text, spec = self._parsed() if self.cells else (self.base.text, parse_case(self.base))
+        tables = spec.model_dump()
+        files = named_files(tables)
+        for test, changed in tables["tests"].items():
+            files |= {("tests", test, *key): names for key, names in named_files(changed).items()}
+        for key, names in files.items():
+            if not self.allow_outside and (outside := find_outside(self.directory, names)) is not None:
+                raise CaseError.of(f"{self.where}: {'.'.join(key)}", (), *outside[1])
+        return text, spec, tuple(name for names in files.values() for name in names)
 
-    def _judged(self, base: CaseText, values: Mapping[str, Any]) -> tuple[dict[str, Any], CaseSpec | None, list[str]]:
-        data, places = dict(base.data), {(): (str(self.path), 1), **base.places}
+    def _parsed(self) -> tuple[str, CaseSpec]:
+        """Text and spec of the base with the cells in it."""
         table, _, line = self.where.rpartition(":")
-        for key, value in values.items():
-            parts = key_parts(key)
-            _set(data, parts, value, f"{self.where}: {key}")
-            places = {at: place for at, place in places.items() if at[: len(parts)] != parts}
-            places[parts] = table, int(line)
-        try:
-            return data, parse_case(CaseText(table, "", data, places)), []
-        except CaseError as error:
-            return data, None, str(error).splitlines()
-
-    def require_inside(self, spec: CaseSpec) -> None:
-        """Refuse files outside the directory of the case file, or of the base case."""
-        for key, names in _named_files(spec).items():
-            if (outside := find_outside(self.path.parent, names)) is not None:
-                found, expected, remedy = outside[1]
-                raise CaseError(f"{self.where}: {'.'.join(key)}: {found}; expected {expected}; {remedy}")
+        faults: list[str] = []
+        for _ in range(2):  # again with text where no other value is taken, such as a serial number as a title
+            data, places = dict(self.base.data), {(): (self.base.name, 1), **self.base.places}
+            for key, cell in self.cells.items():
+                value, parts = cell, key_parts(key)
+                if not any(f": {key}: " in fault for fault in faults):
+                    with suppress(ValueError, RecursionError):
+                        parsed = tomllib.loads(f"value = {cell}")
+                        value = parsed["value"] if parsed.keys() == {"value"} else cell
+                inside = data
+                for name in parts[:-1]:
+                    below = inside.get(name, {})
+                    if not isinstance(below, dict):
+                        found, expected = f"found that {name} is no table in the base case", f"one with {parts[-1]}"
+                        raise CaseError.of(f"{self.where}: {key}", (), found, expected, "correct the column's name")
+                    inside[name] = inside = dict(below)  # the base keeps its own
+                inside[parts[-1]] = value
+                places = {at: place for at, place in places.items() if at[: len(parts)] != parts}
+                places[parts] = table, int(line)
+            try:
+                return toml_text(data), parse_case(CaseText(table, "", data, places))
+            except CaseError as error:
+                faults = faults or str(error).splitlines()
+        row = f"{printable(self.where)}: "
+        raise CaseError("\n".join(f if f.startswith(row) else row + _OF_BASE.sub(r"\2, \1: ", f) for f in faults))
 
     def work(self, campaign_seed: int, full: bool) -> tuple[str, int, str]:
         """Return the text of the case, the seed of its draws, and a digest of all that its result depends on."""
-        text, spec = self.read()
-        stated = "seed" in spec.sampling.model_fields_set and self.cells is not None and "sampling.seed" in self.cells
-        seed = spec.sampling.seed if stated else case_seed(campaign_seed, self.key)
+        text, spec, files = self.read()
+        seed = spec.sampling.seed if "sampling.seed" in self.cells else case_seed(campaign_seed, self.key)
         digest = hashlib.sha256(repr((text, code_version(), seed, full)).encode())
-        for name in (name for names in _named_files(spec).values() for name in names):
+        for name in files:
             try:
-                with (self.path.parent / name).open("rb") as stream:
+                with (self.directory / name).open("rb") as stream:
                     digest.update(hashlib.file_digest(stream, "sha256").digest())
             except OSError as error:
                 digest.update(type(error).__name__.encode())
         return text, seed, digest.hexdigest()
-
-
-@lru_cache(maxsize=1000)
-def _read_base(path: Path, allow_outside: bool) -> CaseText:
-    return read_case_text(path, allow_outside)
-
-
-def _parsed(cell: str) -> Any:  # noqa: ANN401 (whatever TOML knows)
-    with suppress(ValueError, RecursionError):
-        parsed = tomllib.loads(f"value = {cell}")
-        return parsed["value"] if parsed.keys() == {"value"} else cell
-    return cell
-
-
-def _set(data: dict[str, Any], parts: tuple[str, ...], value: object, where: str) -> None:
-    *above, last = parts
-    table = data
-    for name in above:
-        below = table.get(name, {})
-        table[name] = table = dict(below) if isinstance(below, dict) else below  # the base keeps its own
-        if not isinstance(table, dict):
-            raise CaseError(
-                f"{where}: found that {name} is no table in the base case; expected one that holds {last}; "
-                "correct the column's name"
-            )
-    table[last] = value
-
-
-def _named_files(spec: CaseSpec) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Names of files that a case and its tests state, by key."""
-    tables = spec.model_dump()
-    names = named_files(tables)
-    for test, changed in tables["tests"].items():
-        names |= {("tests", test, *key): files for key, files in named_files(changed).items()}
-    return names
 
 
 def case_seed(seed: int, key: str) -> int:
@@ -204,9 +171,9 @@ def read_cases(
     Parameters
     ----------
     sources
-        One table in CSV, or case files, whose names may hold ``*``, ``?`` and ``[…]``.
+        One table in CSV, or case files, ``*.toml``.
     base
-        Base case of a table without a column `case`.
+        Base case of the rows of a table whose column `case` names none.
     allow_outside
         Whether files that a table or a case names may lie outside its directory.
 
@@ -216,130 +183,81 @@ def read_cases(
         If a table or a case is wrong: one line for each fault, with row and column; or if two cases share a key.
     """
     paths = [Path(source) for source in sources]
-    tables = [path for path in paths if path.suffix.lower() in (".csv", ".tsv", ".txt")]
-    if tables and len(paths) > 1:
-        raise CaseError(f"{tables[0]}: found a table and {len(paths) - 1} more; expected one table, or case files")
-    if not tables and base is not None:
-        raise CaseError(f"{base}: found a base case with case files; expected it with a table; give a table in CSV")
-    listed = _rows(tables[0], base, allow_outside) if tables else _case_files(sources)
-    cases = tuple(replace(case, allow_outside=allow_outside) for case in listed)
-    case_by_key: dict[str, CampaignCase] = {}
-    for case in cases:
-        if len(case.key) > _LONGEST or not _NAME.fullmatch(case.key) or case.key.endswith((".", " ")):
-            raise CaseError(
-                f"{case.where}: key: found {case.key[:_LONGEST]!a}; expected a name for a directory of at most "
-                f"{_LONGEST} letters, digits, points, signs and spaces that begins with a letter or digit; give the "
-                "case such a key"
-            )
-        other = case_by_key.setdefault(case.key.casefold(), case)  # some systems take A and a for one name
-        if other is not case:
-            raise CaseError(
-                f"{case.where}: key: found {case.key!r}, which {other.where} has already; expected a key of its own "
-                "for each case; change one of them"
-            )
+    is_table = any(path.suffix.lower() != ".toml" for path in paths)
+    if (is_table and len(paths) > 1) or (base is not None and not is_table):
+        found = "found a table with other files, or a base case without a table"
+        raise CaseError.of("campaign", (), found, "one table in CSV, or case files alone", "drop what is too much")
+    files = ((str(path), path.parent, {"key": path.stem, "case": path.name}) for path in paths)
+    cases: dict[str, CampaignCase] = {}
+    texts: dict[Path, CaseText] = {}
     faults: list[str] = []
-    for case in cases:
+    for number, (where, home, row) in enumerate(_rows(paths[0]) if is_table else files, 1):
+        key, serial, date, own = (row.pop(name, "") for name in _OWN)
+        key = key or serial or f"{number:05d}"
+        if len(key) > _LONGEST or not _NAME.fullmatch(key):
+            expected = (
+                f"a name for a directory: {_LONGEST} letters, digits, points, signs or spaces at most, no sign first"
+            )
+            raise CaseError.of(f"{where}: key", (), f"found {key[:_LONGEST]!a}", expected, "change it")
+        if key.casefold() in cases:  # some systems take A and a for one name
+            found = f"found {key!r}, which {cases[key.casefold()].where} has already"
+            raise CaseError.of(f"{where}: key", (), found, "a key of its own for each case", "change one of them")
+        if not own and base is None:
+            raise CaseError.of(f"{where}: case", (), "found no base case", "one in the cell, or --base")
+        if not allow_outside and own and (outside := find_outside(home, [own])) is not None:
+            words = (text.replace("of the case file", "of the table") for text in outside[1])
+            raise CaseError.of(f"{where}: case", (), *words)
+        path = home / own if own else Path(base or "")
+        texts[path] = texts.get(path) or read_case_text(path, allow_outside)
+        case = CampaignCase(key, where, texts[path], path.parent, row, serial, date, allow_outside)
         try:
-            _, spec = case.read()
-            if not allow_outside:
-                case.require_inside(spec)
+            cases.setdefault(key.casefold(), case).read()
         except CaseError as error:
             faults += str(error).splitlines()
-            if len(faults) > _MOST_FAULTS:
-                faults[_MOST_FAULTS:] = ["there are more faults; these are the first"]
-                break
+    if len(faults) > _MOST_FAULTS:
+        faults[_MOST_FAULTS:] = ["there are more faults; these are the first"]
     if faults:
         raise CaseError("\n".join(faults))
-    return cases
+    return tuple(cases.values())
 
 
-def _case_files(sources: Sequence[str | Path]) -> Iterator[CampaignCase]:
-    for source in sources:
-        matches = sorted(glob(str(source), recursive=True)) if not Path(source).exists() else [str(source)]
-        if not matches:
-            raise CaseError(f"{source}: found no such file; expected a table in CSV or case files; check the path")
-        yield from (CampaignCase(Path(match).stem, match, Path(match)) for match in matches)
-
-
-def _rows(table: Path, base: str | Path | None, allow_outside: bool) -> Iterator[CampaignCase]:
-    rows = _cells(table)
-    head = [name.strip() for name in next(rows, (0, []))[1]]
-    _require_columns(head, table, base)
-    number = 0
-    for line, cells in rows:
-        where = f"{table}:{line}"
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(head):
-            raise CaseError(
-                f"{where}: found {len(cells)} cells; expected {len(head)}, one for each column; correct the row, and "
-                "put cells with a separator in them into quotes"
-            )
-        number += 1
-        if number > _MOST_CASES:
-            raise CaseError(f"{where}: found more than {_MOST_CASES} cases; expected fewer; make several campaigns")
-        row = dict(zip(head, (cell.strip() for cell in cells), strict=True))
-        key, serial, date, case = (row.pop(name, "") for name in _OWN)
-        if not case and base is None:
-            raise CaseError(f"{where}: case: found no base case; expected a case file; fill the cell or give --base")
-        if case and not allow_outside and (outside := find_outside(table.parent, [case])) is not None:
-            found, expected, remedy = (text.replace("of the case file", "of the table") for text in outside[1])
-            raise CaseError(f"{where}: case: {found}; expected {expected}; {remedy}")
-        path = table.parent / case if case else Path(base or "")
-        yield CampaignCase(key or serial or f"{number:05d}", where, path, row, serial, date)
-    if number == 0:
-        raise CaseError(f"{table}:1: found no row; expected one for each case below the names of the columns")
-
-
-def _cells(table: Path) -> Iterator[tuple[int, list[str]]]:
-    """Rows of cells with the line on which each begins."""
+def _rows(table: Path) -> Iterator[tuple[str, Path, dict[str, str]]]:
+    """Rows that are not blank: file and line, directory of the table, and cells that are not empty by column."""
+    number, lines = 1, []
     try:
-        if table.stat().st_size > _MOST_BYTES:
-            raise CaseError(
-                f"{table}: found more than {_MOST_BYTES / 1e6:.0f} MB; expected a table of cases; divide it"
-            )
         text = table.read_bytes().decode("utf-8-sig")
+        separator = max(",;\t", key=text.split("\n", 1)[0].count)
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+        for cells in reader:
+            lines.append((number, [cell.strip() for cell in cells]))
+            number = reader.line_num + 1
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise CaseError(f"{table}:{line}: found no UTF-8 text; expected a table in CSV; save it as UTF-8") from None
-    except (OSError, ValueError) as error:
-        reason = path_fault(error)
-        raise CaseError(f"{table}: found that it cannot be read ({reason}); expected a table in CSV") from None
-    separator = max(",;\t", key=text.split("\n", 1)[0].count)
-    reader, number = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True), 1
-    try:
-        for cells in reader:
-            yield number, cells
-            number = reader.line_num + 1
+        raise CaseError.of(f"{table}:{line}", (), "found no UTF-8 text", "a table in CSV", "save it as UTF-8") from None
     except csv.Error as error:
-        raise CaseError(f"{table}:{number}: found no CSV ({error}); expected cells in rows; correct it") from None
-
-
-def _require_columns(head: list[str], table: Path, base: str | Path | None) -> None:
-    """Refuse columns without a name, that are there twice, or that name no key of a case."""
-    twice = next((name for name in head if head.count(name) > 1), None)
-    if twice is not None or "" in head or not head:
-        actual = "a column without a name" if "" in head or not head else f"two columns {twice!r}"
-        raise CaseError(f"{table}:1: found {actual}; expected a name of its own for each; correct the first line")
-    for name in (name for name in head if name not in _OWN):
-        if name == "extends":
-            raise CaseError(
-                f"{table}:1: extends: found a column of base cases; expected them in the column case; rename it"
-            )
-        if not key_parts(name):
-            raise CaseError(
-                f"{table}:1: column {name!r}: found no key of a case file; expected one such as structure.length_mm, "
-                "or key, serial, date or case; correct the first line of the table"
-            )
-        near = _MEANT.get(name.lower()) or similar(name, _OWN)
-        if "." not in name and near and name not in CaseSpec.model_fields:
-            raise CaseError(
-                f"{table}:1: {name}: found no such column; expected a key of a case; did you mean {near!r}?"
-            )
-    if base is None and "case" not in head:
-        raise CaseError(
-            f"{table}:1: found no base case; expected a column `case`, or --base; give the case that the rows change"
-        )
+        raise CaseError.of(f"{table}:{number}", (), f"found no CSV ({error})", "cells in rows", "correct it") from None
+    except (OSError, ValueError) as error:
+        found = f"found that it cannot be read ({path_fault(error)})"
+        raise CaseError.of(str(table), (), found, "a table in CSV", "check the path") from None
+    head = lines[0][1] if lines else [""]
+    for name in head:
+        found = "found a column without a name" if not name else ""
+        if head.count(name) > 1:
+            found = f"found two columns {name!r}"
+        elif name not in _OWN and (name == "extends" or not {*key_parts(name)[:1]} & CaseSpec.model_fields.keys()):
+            found = found or f"column {name!r}: found no key of a case file"
+        if found:
+            expected = "a key such as structure.length_mm, or key, serial, date or case (the base case), once each"
+            raise CaseError.of(f"{table}:1", (), found, expected, "correct the first line of the table")
+    if not any(any(cells) for _, cells in lines[1:]):
+        raise CaseError.of(f"{table}:1", (), "found no row", "one for each case below the names of the columns")
+    for number, cells in lines[1:]:
+        if any(cells) and len(cells) != len(head):
+            found, expected = f"found {len(cells)} cells", f"{len(head)}, one for each column"
+            raise CaseError.of(f"{table}:{number}", (), found, expected, "put cells with a separator in quotes")
+        row = {name: cell for name, cell in zip(head, cells, strict=False) if cell}
+        if row:
+            yield f"{table}:{number}", table.parent, row
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,10 +288,7 @@ class Campaign:
 
         file = self.directory / INDEX
         if not kept_rows(file):
-            raise MeasurementError(
-                f"{file}: found no case, or no such file; expected the index that `jointbayes campaign` writes; give "
-                "its directory"
-            )
+            raise MeasurementError(f"{file}: found no case, or no such file; expected that of a campaign; correct it")
         texts = dict.fromkeys(("key", "serial", "date", "fingerprint"), str)
         return pandas.read_csv(file, dtype=texts).set_index("key", drop=False)
 
@@ -407,7 +322,6 @@ def campaign(
     scheduler: "str | Client | None" = None,
     seed: int = 1,
     full: bool = False,
-    seconds: float | None = None,
     allow_outside: bool = False,
     progress: ProgressCallback | bool | None = None,
 ) -> Campaign:
@@ -419,7 +333,7 @@ def campaign(
     Parameters
     ----------
     cases
-        A table in CSV, each row a case; or case files, or a pattern of such names.
+        A table in CSV, each row a case; or case files.
     directory
         Where to write: ``index.csv``, ``report.html``, ``report.pdf`` and the run directories ``cases/<key>``.
     base
@@ -434,8 +348,6 @@ def campaign(
         Of the campaign; each case has one of its own from this and its key. A row's ``sampling.seed`` goes before.
     full
         Sample each case as long as a run of its own does, see `SamplerSettings.for_one_of_many`.
-    seconds
-        Longest time for a case; one that takes longer counts as one that killed its workers.
     allow_outside
         Whether measurement files and base cases may lie outside the directory of the file that names them.
     progress
@@ -451,12 +363,10 @@ def campaign(
         If the index cannot be written, the directory holds something else, or another process is at work in it.
     """
     table = read_cases([cases] if isinstance(cases, str | Path) else list(cases), base, allow_outside)
-    if not 0 <= seed < 2**32:
-        raise ModelError(f"campaign: found seed = {seed}; expected a seed of 32 bits")
     with campaign_directory(directory) as locked:
         run_cases(
             table, locked.path, seed=seed, full=full, progress=callback_of(progress), workers=workers,
-            executor=executor, scheduler=scheduler, seconds=seconds,
+            executor=executor, scheduler=scheduler,
         )  # fmt: skip
     return Campaign(locked.path)
 
@@ -475,8 +385,7 @@ def do_case(key: str, text: str, home: str, seed: int, target: str, allow_outsid
 
     begin = time.monotonic()
     case = case_from_text(key, text, directory=home, allow_outside=allow_outside)
-    posterior = sample(case, settings=case.sampler.for_one_of_many(full=full), seed=seed)
-    write_report(posterior, target)
+    write_report(sample(case, settings=case.sampler.for_one_of_many(full=full), seed=seed), target)
     return time.monotonic() - begin
 
 
@@ -497,61 +406,53 @@ def run_cases(
     # 2. Keep what is finished.
     file, place = directory / INDEX, real_directory(directory / CASES)
     sweep(place)  # what workers that were killed while they wrote have left
-    earlier, rows = kept_rows(file), {}
+    earlier, rows = kept_rows(file), dict[str, Row]()
     for case in cases:
-        row = earlier.get(case.key, {})
-        is_there = row.get("status") == DONE and (place / case.key / "summary.json").is_file()
+        row, run = earlier.get(case.key, {}), place / case.key
+        is_there = row.get("status") == DONE and (run / "summary.json").is_file()
         if is_there and row["fingerprint"] == case.work(seed, full)[2]:
-            rows[case.key] = row | {"serial": case.serial, "date": case.date}
+            rows[case.key] = {name: row[name] for name in COLUMNS} | {"serial": case.serial, "date": case.date}
+            rows[case.key] |= _found(run)
     write_index(file, rows.values())
     todo = {case.key: case for case in cases if case.key not in rows}
     works: dict[str, tuple[int, str]] = {}  # seed and fingerprint of each case under way
-    kept, ended, began = len(rows), Counter[str](), time.monotonic()
+    kept, failed, began = len(rows), 0, time.monotonic()
     running: tuple[str, ...] = ()
 
     def tasks() -> Iterator[tuple[str, tuple[Any, ...]]]:
         for case in todo.values():
             text, of_seed, mark = case.work(seed, full)
             works[case.key] = of_seed, mark
-            home, target = str(case.path.absolute().parent), str((place / case.key).absolute())
+            home, target = str(case.directory.absolute()), str((place / case.key).absolute())
             yield case.key, (case.key, text, home, of_seed, target, case.allow_outside, full)
 
     def tell(now: tuple[str, ...]) -> None:
         nonlocal running
-        running, figures = now, {"failed": ended["failed"], "running": len(now)}
-        before = f"{kept} of these at an earlier start, " if kept else ""
-        words = f"{ended['failed']} failed, {before}{len(running)} running"
-        done = kept + ended.total()
-        progress(Progress("sampling", words, done, len(cases), "cases", kept, time.monotonic() - began, figures))
+        running, figures = now, {"failed": failed, "running": len(now)}
+        words = f"{failed} failed, {f'{kept} of these at an earlier start, ' if kept else ''}{len(now)} running"
+        progress(Progress("sampling", words, len(rows), len(cases), "cases", kept, time.monotonic() - began, figures))
 
     # 3. Do the others.
     tell(())
+    outcomes = run_tasks(do, tasks(), watch=tell, preload=_PRELOAD, **workers)
     try:
-        outcomes = run_tasks(do, tasks(), watch=tell, preload=_PRELOAD, **workers)
         with closing(outcomes):  # type: ignore[type-var]  # a generator
             for outcome in outcomes:
-                row = _row(todo[outcome.key], outcome, *works.pop(outcome.key), directory)
-                rows[outcome.key] = row
-                _append(file, row)
-                ended.update([DONE if row["status"] == DONE else "failed"])
+                case, run, error = todo[outcome.key], place / outcome.key, outcome.error
+                if error is None and not (run / "summary.json").is_file():
+                    error = f"{run}: found no run directory; expected workers that see {directory} under this name"
+                status = KILLED if outcome.killed_worker else DONE if error is None else FAILED
+                cells = (case.key, case.serial, case.date, status, error or "", outcome.attempts)
+                of_seed, mark = works.pop(case.key)
+                row = dict(zip(COLUMNS, (*cells, of_seed, outcome.value or "", mark, code_version()), strict=True))
+                rows[case.key] = row | (_found(run) if status == DONE else {})
+                write_index(file, [rows[case.key] for case in cases if case.key in rows])
+                failed += status != DONE
                 tell(tuple(key for key in running if key != outcome.key))
     finally:
-        # 4. Write the index in the order of the table.
         sweep(place)
-        in_order = [rows[case.key] for case in cases if case.key in rows]
-        in_order = [row | (_found(place / row["key"]) if row["status"] == DONE else {}) for row in in_order]
-        write_index(file, in_order)
-    write_into(directory, campaign_page(directory.resolve().name or "campaign", in_order), {})
-
-
-def _row(case: CampaignCase, outcome: Outcome, seed: int, fingerprint: str, directory: Path) -> Row:
-    """Row of the index for a case that has ended."""
-    status, error = KILLED if outcome.killed_worker else DONE if outcome.error is None else FAILED, outcome.error
-    if status == DONE and not (directory / CASES / case.key / "summary.json").is_file():
-        status = FAILED
-        error = f"{CASES}/{case.key}: found no run directory; expected workers that see {directory} under this name"
-    cells = (case.key, case.serial, case.date, status, error or "", outcome.attempts, seed, outcome.value or "")
-    return dict(zip(COLUMNS, (*cells, fingerprint, code_version()), strict=True))
+    # 4. Write the page.
+    write_into(directory, campaign_page(directory.resolve().name or "campaign", [rows[c.key] for c in cases]), {})
 
 
 def _found(run: Path) -> Row:
@@ -566,7 +467,7 @@ def _found(run: Path) -> Row:
 
 
 def kept_rows(file: Path) -> dict[str, Row]:
-    """Rows of an index by key, without one that was cut off; none where there is no index.
+    """Rows of an index by key; none where there is no index.
 
     Raises
     ------
@@ -576,22 +477,22 @@ def kept_rows(file: Path) -> dict[str, Row]:
     try:
         with open_regular(file, "rb") as stream:
             text = stream.read().decode("utf-8-sig", errors="replace")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except FileNotFoundError:
         return {}
-    try:
-        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except csv.Error:
         rows = [{}]
-    if rows and not {"key", "status", "fingerprint"} <= rows[0].keys():
-        raise MeasurementError(
-            f"{file}: found no index of a campaign in it; expected the one that `jointbayes campaign` writes; give "
-            "another directory, or remove the file, and all cases are done again"
-        )
-    return {row["key"]: row for row in rows if row["code"]}
+    if rows and not rows[0].keys() >= set(COLUMNS):
+        found = f"{file}: found no index of a campaign in it; expected what `jointbayes campaign` writes"
+        raise MeasurementError(f"{found}; give another directory, or remove the file: all cases are done again")
+    return {row["key"]: row for row in rows if row["code"]}  # earlier versions may have left half a row
 
 
 def write_index(file: Path, rows: Iterable[Row]) -> None:
     """Write an index, whole: the columns of every index, and those of all stiffnesses of its rows.
+
+    Text that a spreadsheet may take for a formula has an apostrophe before it. Compatible forms count as the sign, such
+    as the full-width ＝, and marks that do not print are escaped.
 
     Raises
     ------
@@ -600,78 +501,51 @@ def write_index(file: Path, rows: Iterable[Row]) -> None:
     """
     rows = list(rows)
     head = dict.fromkeys((*COLUMNS, *_OF_SUMMARY, *(name for row in rows for name in row)))
-    lines = _csv([list(head), *([row.get(name) for name in head] for row in rows)])
-    write_whole_file(file, lines.encode())
-
-
-def _append(file: Path, row: Row) -> None:
-    """Append a row without stiffnesses to an index, and force it to the disk."""
-    try:
-        with open_regular(file, "a+b") as stream:
-            stream.seek(0)
-            head = stream.readline().decode().rstrip("\r\n").split(",")
-            stream.write(_csv([[row.get(name) for name in head]]).encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise WriteError(
-            f"{file}: found that it cannot be written ({error.strerror or error}); expected a place with room; make "
-            "room, and start again: what is done is not done again"
-        ) from error
-
-
-def _csv(rows: Iterable[Iterable[object]]) -> str:
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows([_cell(value) for value in row] for row in rows)
-    return stream.getvalue()
-
-
-def _cell(value: object) -> object:
-    """A value as a spreadsheet shows it without computing it: an apostrophe goes before text that may be a formula.
-
-    Compatible forms count as the sign, such as the full-width ＝, and marks that do not print are escaped.
-    """
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if unicodedata.normalize("NFKC", text).lstrip().startswith(("=", "+", "-", "@")) else text
+    writer = csv.writer(stream, lineterminator="\n")
+    for values in (head, *([row.get(name) for name in head] for row in rows)):
+        cells = [printable(cell) if isinstance(cell, str) else cell for cell in values]
+        plain = [unicodedata.normalize("NFKC", cell).lstrip() if isinstance(cell, str) else "" for cell in cells]
+        writer.writerow(
+            [f"'{c}" if p.startswith(("=", "+", "-", "@")) else c for c, p in zip(cells, plain, strict=True)]
+        )
+    write_whole_file(file, stream.getvalue().encode())
 
 
 def campaign_page(name: str, rows: Sequence[Row]) -> Report:
-    """Build the page of a campaign: what became of its cases, and a row for each joint."""
+    """Build the page of a campaign: how its cases ended, and a row for each joint."""
     done = [row for row in rows if row["status"] == DONE]
-    doubtful = [row for row in done if not row["converged"]]
-    misfits = [row for row in done if row["explains"] is False]
-    parts = [f"**{len(done)} of {len(rows)} cases are done.**"]
-    parts += [f"{len(doubtful)} did not converge."] if doubtful else []
-    parts += [f"In {len(misfits)} the model does not explain the data."] if misfits else []
+    doubtful, misfits = sum(not row["converged"] for row in done), sum(row["explains"] is False for row in done)
+    words = f"**{len(done)} of {len(rows)} cases are done.**"
+    words += f" {doubtful} did not converge." if doubtful else ""
+    words += f" In {misfits} the model does not explain the data." if misfits else ""
     whole = len(done) == len(rows) and not doubtful and not misfits
+    blocks: list[Callout | Table] = [Callout("good" if whole else "caution", words)]
     names = list(dict.fromkeys(key.removesuffix(".verdict") for row in done for key in row if key.endswith(".verdict")))
-    blocks: list[Callout | Table] = [Callout("good" if whole else "caution", " ".join(parts))]
-    if done:
-        cells = [(_label(row), *(_known(row, k) for k in names[:_MOST_STIFFNESSES]), _doubt(row)) for row in done]
+    joints, lost = [], []
+    for row in rows:
+        label = row["key"] if row["serial"] in ("", row["key"]) else f"{row['key']} ({row['serial']})"
+        label = foreign(label if len(label) <= _MOST_LETTERS else f"{label[: _MOST_LETTERS - 1]}…")
+        if row["status"] != DONE:
+            lost.append((label, row["status"], foreign(row["error"])))
+            continue
+        doubts = ["not converged"] * (not row["converged"])
+        doubts += ["the model does not explain the data"] * (row["explains"] is False)
+        joints.append((label, *(_known(row, name) for name in names[:_MOST_STIFFNESSES]), "; ".join(doubts)))
+    more = f" The page shows {_MOST_ROWS} joints and {_MOST_STIFFNESSES} stiffnesses at most; `{INDEX}` has all."
+    if joints:
         note = f"95 % intervals, each joint from its own test alone. Its report: `{CASES}/NAME/report.html`."
-        if len(done) > _MOST_ROWS or len(names) > _MOST_STIFFNESSES:
-            note += (
-                f" The page shows {_MOST_ROWS} joints and {_MOST_STIFFNESSES} stiffnesses at most; `{INDEX}` has all."
-            )
-        head = ("Joint", *map(foreign, names[:_MOST_STIFFNESSES]), "Doubts")
-        kinds = tuple("bad" if cell[-1] else "" for cell in cells[:_MOST_ROWS])
-        blocks.append(
-            Table("Joints", head, tuple(cells[:_MOST_ROWS]), align="l" * len(head), note=note, row_kinds=kinds)
-        )
-    if len(done) < len(rows):
-        lost = [(_label(row), row["status"], foreign(row["error"])) for row in rows if row["status"] != DONE]
-        more = f"The first {_MOST_ROWS}; `{INDEX}` has all." if len(lost) > _MOST_ROWS else ""
-        blocks.append(Table("Not done", ("Joint", "Status", "Why"), tuple(lost[:_MOST_ROWS]), align="lll", note=more))
+        note += more if len(joints) > _MOST_ROWS or len(names) > _MOST_STIFFNESSES else ""
+        head, cells = ("Joint", *map(foreign, names[:_MOST_STIFFNESSES]), "Doubts"), tuple(joints[:_MOST_ROWS])
+        kinds = tuple("bad" if cell[-1] else "" for cell in cells)
+        blocks.append(Table("Joints", head, cells, align="l" * len(head), note=note, row_kinds=kinds))
+    if lost:
+        note = more.strip() if len(lost) > _MOST_ROWS else ""
+        blocks.append(Table("Not done", ("Joint", "Status", "Why"), tuple(lost[:_MOST_ROWS]), align="lll", note=note))
     versions = Table("Versions", ("Item", "Value"), (("jointbayes", foreign(code_version())),), align="ll")
-    section = ReportSection("settings", "Settings and versions", (versions,))
+    settings = (ReportSection("settings", "Settings and versions", (versions,)),)
     title = foreign(name) if name.casefold().startswith("campaign") else f"Campaign {foreign(name)}"
-    return Report(title, "Stiffness of many joints, each by itself", tuple(blocks), (section,))
-
-
-def _label(row: Row) -> str:
-    return foreign(_cut(row["key"] if row["serial"] in ("", row["key"]) else f"{row['key']} ({row['serial']})"))
+    return Report(title, "Stiffness of many joints, each by itself", tuple(blocks), settings)
 
 
 def _known(row: Row, name: str) -> str:
@@ -684,12 +558,3 @@ def _known(row: Row, name: str) -> str:
         return limit_in_words(verdict, limit, unit)
     ends, in_unit = engineering((low, high), unit)
     return join_unit(" to ".join(ends), in_unit)
-
-
-def _doubt(row: Row) -> str:
-    doubts = [] if row["converged"] else ["not converged"]
-    return "; ".join([*doubts, *(["the model does not explain the data"] if row["explains"] is False else [])])
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= _MOST_WORDS else f"{text[: _MOST_WORDS - 1]}…"
