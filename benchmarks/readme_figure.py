@@ -1,93 +1,93 @@
-"""The figure at the top of README, drawn from `docs/numbers.json`: `python -m benchmarks.readme_figure`.
+"""Draw the figure at the top of README from `docs/numbers.json`: a bar in a clamp, and what two tests of it tell.
 
-Three cases of the same beam: all but the joint exactly known, material, length and damping uncertain, and a second
-accelerometer. `benchmarks.numbers` draws it anew with every record; `tests/test_numbers.py` compares.
+`python -m benchmarks.readme_figure` draws it, and so does `benchmarks.numbers`. `tests/test_numbers.py` compares.
 """
 
 import json
 import math
-import tomllib
-from typing import Any
 
-from benchmarks.quoted import MINUS, ROOT, Record, stiffness
+from benchmarks.quoted import ROOT, Record
 
-FIGURE = ROOT / "docs" / "figures" / "clamped_beam.svg"
-#: What the rows of each stiffness say, by case; the priors of k11 and k22 are the same in all three.
+FIGURE = ROOT / "docs" / "figures" / "clamp.svg"
+CASE = "two_overhangs"
+#: What each stiffness resists, its unit, and the power of ten of that unit.
 ROWS = {
-    "clamped_beam": "tip FRF, beam exactly known",
-    "clamped_beam_uncertain": "tip FRF, beam uncertain",
-    "clamped_beam_midspan": "the same, and mid-span FRF",
+    "k11": ("sideways push", "GN/m", 1e9),
+    "k12": ("couples push and turn", "MN", 1e6),
+    "k22": ("turning", "MN·m/rad", 1e6),
 }
 COLOURS = {"identified": "#2b7a55", "weakly identified": "#8a6d00"}
-OTHER, PRIOR, INK, MUTED = "#c1511b", "#e4e9ee", "#1d2733", "#5b6672"
-LEFT, RIGHT, TOP, ROW, WIDTH = 195, 555, 30, 20, 800
-DECADES = -4, 3
-
-
-def _x(ratio: float) -> float:
-    """Place of a ratio to the true value."""
-    low, high = DECADES
-    return LEFT + (RIGHT - LEFT) * (math.log10(ratio) - low) / (high - low)
+OTHER, TRACK, INK, MUTED = "#c1511b", "#e4e9ee", "#1d2733", "#5b6672"
+WIDTH, HEIGHT = 800, 330
+LEFT, RIGHT, TOP, ROW = 235, 500, 232, 28
+#: Ends of the drawn scale, as multiples of the stiffness that made the data.
+SPAN = 0.25, 10.0
+_ARROW = (
+    '<marker id="a" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto-start-reverse">'
+)
 
 
 def _text(x: float, y: float, text: str, style: str = "") -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{text}</text>'
 
 
-def _bar(y: float, height: float, ends: tuple[float, float], colour: str) -> str:
-    low, high = map(_x, ends)
-    return (
-        f'<rect x="{low:.1f}" y="{y:.1f}" width="{max(high - low, 2):.1f}" height="{height}" rx="1" fill="{colour}"/>'
-    )
+def _x(ratio: float) -> float:
+    """Return the place of a multiple of the true value; beyond the scale its end."""
+    low, high = SPAN
+    share = math.log(min(max(ratio, low), high) / low) / math.log(high / low)
+    return LEFT + (RIGHT - LEFT) * share
 
 
-def _rows(name: str, top: float, record: Record, prior: dict[str, Any]) -> list[str]:
-    """One stiffness: its prior and a bar for each case."""
-    truth = record["cases"]["clamped_beam"][name]["reference"]
-    heading = f"{name}, {record['cases']['clamped_beam'][name]['unit']}"
-    # the prior of k12 is log-uniform in the first case alone; the others state one of the coupling k12/√(k11 k22)
-    band = ROW * (1 if name == "k12" else len(ROWS))
-    lines = [
-        _text(12, top - 5, heading, 'font-weight="bold"'),
-        _bar(top, band, (prior["low"] / truth, prior["high"] / truth), PRIOR),
+def object_() -> list[str]:
+    """Return the bar in its clamp, with hammer, accelerometers and the three stiffnesses."""
+    arrow = f'stroke="{OTHER}" stroke-width="2.5" fill="none"'
+    lines = [f'<defs>{_ARROW}<path d="M0 0 8 4 0 8z" fill="{OTHER}"/></marker></defs>']
+    lines += [f'<rect x="40" y="{y}" width="110" height="34" fill="#b9c2cb" stroke="{INK}"/>' for y in (58, 116)]
+    lines += [
+        f'<rect x="48" y="92" width="612" height="24" fill="#f4f6f8" stroke="{INK}"/>',
+        _text(95, 80, "clamp", 'text-anchor="middle"'),
+        _text(250, 109, "steel bar, 383 mm free", f'fill="{MUTED}"'),
+        # the joint: where the clamp begins to hold
+        f'<path d="M165 52V152" {arrow} marker-start="url(#a)" marker-end="url(#a)"/>',
+        _text(174, 50, '<tspan font-weight="bold">k11</tspan> resists moving sideways, N/m'),
+        f'<path d="M192 146A44 44 0 0 0 192 62" {arrow} marker-start="url(#a)" marker-end="url(#a)"/>',
+        _text(216, 148, '<tspan font-weight="bold">k22</tspan> resists turning, N·m/rad'),
+        _text(174, 172, '<tspan font-weight="bold">k12</tspan> couples both: pushed sideways, the bar also turns, N'),
     ]
-    for number, (case, words) in enumerate(ROWS.items()):
-        entry, y = record["cases"][case][name], top + number * ROW
-        limit = entry.get("limit")
-        interval = f"above {stiffness(limit)}" if limit else f"{stiffness(entry['low'])} to {stiffness(entry['high'])}"
-        colour = COLOURS.get(entry["verdict"], OTHER)
-        lines += [
-            _text(24, y + 14, words, f'fill="{MUTED}"'),
-            _bar(y + 5, ROW - 10, (entry["low"] / truth, entry["high"] / truth), colour),
-            f'<circle cx="{_x(entry["median"] / truth):.1f}" cy="{y + ROW / 2}" r="3" fill="white" stroke="{colour}" '
-            'stroke-width="2"/>',
-            _text(RIGHT + 12, y + 14, f"{interval}: {entry['verdict']}", f'fill="{colour}"'),
-        ]
+    for x, words in ((404, "accelerometer"), (648, "accelerometer")):
+        lines.append(f'<rect x="{x - 6}" y="80" width="12" height="12" fill="{INK}"/>')
+        lines.append(_text(x, 72, words, f'text-anchor="middle" fill="{MUTED}"'))
+    lines.append(f'<path d="M648 152V120" stroke="{INK}" stroke-width="2.5"/><path d="M641 130 648 117 655 130z"/>')
+    lines.append(_text(648, 168, "hammer", f'text-anchor="middle" fill="{MUTED}"'))
     return lines
 
 
 def drawn(record: Record) -> str:
-    """The figure as SVG."""
-    priors = tomllib.loads((ROOT / "configs" / "clamped_beam.toml").read_text(encoding="utf-8"))["prior"]
-    block = ROW * (len(ROWS) + 1.5)
-    bottom = TOP + block * len(priors) - 8
+    """Return the figure as SVG."""
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {bottom + 44:.0f}" width="{WIDTH}" '
-        f'font-family="Helvetica, Arial, sans-serif" font-size="12" fill="{INK}">',
-        "<title>Medians and 95 % credible intervals of the three stiffnesses over their priors</title>",
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" '
+        f'font-family="Helvetica, Arial, sans-serif" font-size="13" fill="{INK}">',
+        "<title>A bar in a clamp, its three stiffnesses, and their 95 % intervals from two tests</title>",
         '<rect width="100%" height="100%" fill="white"/>',
+        *object_(),
+        _text(40, 212, "Found, with 95 % intervals:", 'font-weight="bold"'),
     ]
-    for place, (name, prior) in enumerate(priors.items()):
-        lines += _rows(name, TOP + block * place, record, prior)
-    lines.append(f'<path d="M{_x(1):.1f} {TOP - 12}V{bottom:.0f}" stroke="{INK}" stroke-dasharray="3 3"/>')
-    for decade in range(DECADES[0], DECADES[1] + 1):
-        x = _x(10.0**decade)
-        power = str(decade).replace("-", MINUS)
-        label = "1" if decade == 0 else f'10<tspan dy="-5" font-size="9">{power}</tspan>'
-        lines.append(f'<path d="M{x:.1f} {bottom:.0f}v5" stroke="{MUTED}"/>')
-        lines.append(_text(x, bottom + 19, label, f'text-anchor="middle" fill="{MUTED}"'))
-    caption = "stiffness / true value; bar: 95 % credible interval, dot: median, grey: prior"
-    lines.append(_text((LEFT + RIGHT) / 2, bottom + 37, caption, f'text-anchor="middle" fill="{MUTED}"'))
+    for number, (name, (words, unit, power)) in enumerate(ROWS.items()):
+        entry, y = record["cases"][CASE][name], TOP + number * ROW
+        colour, truth = COLOURS.get(entry["verdict"], OTHER), entry["reference"]
+        low, high = (_x(entry[end] / truth) for end in ("low", "high"))
+        limit = entry.get("limit")
+        side = "above" if entry["verdict"] == "bounded below" else "below"
+        ends = f"{side} {limit / power:.3g}" if limit else f"{entry['low'] / power:.3g} to {entry['high'] / power:.3g}"
+        lines += [
+            _text(40, y + 4, f'<tspan font-weight="bold">{name}</tspan>  {words}'),
+            f'<path d="M{LEFT} {y}H{RIGHT}" stroke="{TRACK}" stroke-width="12"/>',
+            f'<path d="M{low:.1f} {y}H{max(high, low + 3):.1f}" stroke="{colour}" stroke-width="8"/>',
+            f'<path d="M{_x(1):.1f} {y - 10}v20" stroke="{INK}" stroke-dasharray="3 2"/>',
+            _text(RIGHT + 14, y + 4, f"{ends} {unit}: {entry['verdict']}", f'fill="{colour}"'),
+        ]
+    below = TOP + len(ROWS) * ROW - 2
+    lines.append(_text(_x(1), below, "true value", f'text-anchor="middle" fill="{MUTED}" font-size="12"'))
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
