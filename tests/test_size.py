@@ -25,7 +25,7 @@ ROOMS = {
     "studies": (1700, 1720),
     "case": (4000, 4990),
     "report": (2900, 3540),
-    "cli and what stands alone": (1400, 1810),
+    "cli and what stands alone": (1400, 1825),
 }
 
 
