@@ -116,9 +116,8 @@ class LogPosterior:
 
     def white(self, theta: ArrayLike) -> Array:
         """Real residuals, shape (n, m), white with unit variance if model and noise hold, at θ, shape (n, d)."""
-        matrices, factors = self._points(theta)
-        self.evaluations += len(factors)
-        return self.likelihood.white(matrices, factors)
+        self.evaluations += len(np.atleast_2d(theta))
+        return self.likelihood.white(*self._points(theta))
 
     def typical_squares(self, theta: ArrayLike) -> tuple[float, int]:
         """Sum and number of the squared white residuals at one θ, see `Likelihood.typical_squares`."""
