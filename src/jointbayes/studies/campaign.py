@@ -248,7 +248,7 @@ def _rows(table: Path) -> Iterator[tuple[str, Path, dict[str, str]]]:
             found = found or f"column {name!r}: found no key of a case file"
         if found:
             expected = "a key such as structure.length_mm, or key, serial, date or case (the base case), once each"
-            raise CaseError.of(f"{table}:1", (), found, expected, "correct the first line of the table")
+            raise CaseError.of(f"{table}:1", (), found, expected, "correct it")
     if not any(any(cells) for _, cells in lines[1:]):
         raise CaseError.of(f"{table}:1", (), "found no row", "one for each case below the names of the columns")
     for number, cells in lines[1:]:
