@@ -271,8 +271,9 @@ def sample(
                 whole = replace(whole, problem=answered, stated=whole.stated and answered)
             if answered.premises.reason:
                 tell(Progress("premises", answered.premises.decision))
-            fallback = settings.for_dimension(len(answered.names))
-            return sample_quickly(answered, seed=seed, case=whole, settings=fallback, progress=tell)
+            settings = settings.for_dimension(len(answered.names))
+            run = _Run(answered, whole, seed, settings, find_map(answered, seed=seed, progress=tell))
+            return _posterior(*_from_two_origins(run, tell))
     elif whole is not None and not ("model" in problem.exact or computed):
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
@@ -367,20 +368,6 @@ def _on_one_hill(problem: Problem, lower: Array, height: float, top: Array) -> b
     """Whether the way from a point of this height up to another one crosses no valley that would hold walkers up."""
     between = lower + np.linspace(0.0, 1.0, _STEPS_UP)[:, None] * (top - lower)
     return bool((problem.log_posterior(between) >= height - _SHALLOW).all())
-
-
-def sample_quickly(
-    problem: Problem,
-    *,
-    seed: int,
-    case: Case | None = None,
-    settings: SamplerSettings | None = None,
-    progress: ProgressCallback | bool | None = None,
-) -> Posterior:
-    """Draw by importance from two origins, as of few data with an error of the model; else by walkers."""
-    settings = settings or SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
-    run = _Run(problem, case, seed, settings, find_map(problem, seed=seed, progress=progress))
-    return _posterior(*_from_two_origins(run, callback_of(progress)))
 
 
 def draws_of(problem: Problem, estimate: MapEstimate, seed: int, tell: ProgressCallback) -> Chains:

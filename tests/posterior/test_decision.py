@@ -25,7 +25,7 @@ from jointbayes.posterior.decision import (
     why_by_modes,
 )
 from jointbayes.posterior.model_errors import InferredError
-from jointbayes.workflow import answered_problem, sample_quickly
+from jointbayes.workflow import answered_problem
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod, shipped_without
 from vibrecords import ModeData, Observed
 from vibrecords.mode_data import renumbered
@@ -336,12 +336,13 @@ def test_what_is_declared_exact_has_no_prior_beside():
 
 
 @pytest.mark.science
-def test_quick_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
+def test_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
     data = ModeData(Observed(np.array([116.8, 726.5]), np.array([0.02, 0.1])))
     prior = jb.JointPrior(jb.PlainSprings(), (jb.Uniform(18.0, 26.0), jb.Uniform(11.0, 19.0)))
     test = jb.Test("clamped", rod(), CLAMP, data, ModelErrorNoise.of(data, ErrorSizes()))
     problem = jb.Problem([test], prior)
-    quick = sample_quickly(problem, seed=1)
+    quick = jb.sample(problem, seed=1)
+    assert quick.problem.names == problem.names
     # the middles of cells, which the prior's edges bound
     axes = 18.0 + 8.0 * (np.arange(80) + 0.5) / 80, 12.2 + 2.0 * (np.arange(1500) + 0.5) / 1500
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
