@@ -174,7 +174,7 @@ def run_compare() -> dict[str, Any]:
     kept = ("hypothesis", "case", "log_z", "log_z_error", "method", "two_log_b", "words", "at_prior_edge")
     rows = sorted(found["candidates"], key=lambda c: -c["log_z"])
     candidates = [{key: _short(row[key]) if isinstance(row[key], float) else row[key] for key in kept} for row in rows]
-    return {"seed": found["seed"], "exit": status, "verdict": found["verdict"], "candidates": candidates}
+    return {"seed": found["seed"], "exit": status, "finding": found["finding"], "candidates": candidates}
 
 
 def run_iteration(name: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from jointbayes.sampling.ensemble import Advance, EnsembleState, MoveCount, Samp
 from jointbayes.sampling.stopping import (
     Check,
     Quantities,
-    Verdict,
+    StopDecision,
     add_end_error,
     diagnose,
     expected_steps,
@@ -252,11 +252,11 @@ class Stage:
     accepted: list[int] = field(default_factory=list)
     singular: int = 0
 
-    def verdict(self, settings: SamplerSettings) -> Verdict:
+    def decision(self, settings: SamplerSettings) -> StopDecision:
         """What the stop rule says of the last step, if it was looked at."""
         if self.checks and self.checks[-1].step == self.step:
             return judge(settings, self.checks)
-        return Verdict(converged=False, reason="")
+        return StopDecision(converged=False, reason="")
 
     def extend(
         self, advance: Advance, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
@@ -295,20 +295,20 @@ class Stage:
             self.held.take(self.blocks[:count], spacing(self.step))
             del self.blocks[:count]
 
-    def report(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Progress:
+    def report(self, settings: SamplerSettings, decision: StopDecision, seconds: float) -> Progress:
         """Where the run stands, for the caller."""
         last = self.checks[-1]
         return Progress(
             "sampling",
             f"τ = {last.tau_max:.0f}, R̂ = {last.r_hat_max:.3f}",
             done=self.step,
-            total=self.step if verdict.converged else expected_steps(settings, last),
+            total=self.step if decision.converged else expected_steps(settings, last),
             unit="steps",
             elapsed_seconds=seconds,
             figures={"tau": last.tau_max, "r_hat": last.r_hat_max},
         )
 
-    def chains(self, settings: SamplerSettings, verdict: Verdict, seconds: float) -> Chains:
+    def chains(self, settings: SamplerSettings, decision: StopDecision, seconds: float) -> Chains:
         """Close the stage, whose last block always ends in a check."""
         every = spacing(self.step)
         theta, log_density = self.held.joined(self.blocks, every)
@@ -318,8 +318,8 @@ class Stage:
             acceptance=np.array(self.accepted) / (self.step * settings.walkers),
             move_acceptance={name: n.accepted / n.proposed for name, n in self.counts.items() if n.proposed},
             thin=thinning(self.checks[-1].tau),
-            converged=verdict.converged,
-            reason=verdict.reason,
+            converged=decision.converged,
+            reason=decision.reason,
             singular=self.singular,
             evaluations=settings.ensembles * settings.walkers * (self.step + 1),
             seconds=seconds,

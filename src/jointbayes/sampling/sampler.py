@@ -305,12 +305,12 @@ def run_ensembles(
 
     streams = rng if isinstance(rng, Streams) else Streams.from_generator(rng)
     stage, states = Stage(), initial_states(log_density, start, settings, first=streams.stage == 0)
-    verdict, began = stage.verdict(settings), time.perf_counter()
+    decision, began = stage.decision(settings), time.perf_counter()
     budget = budget or settings.budget(start.shape[-1])
     advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
 
     def is_done() -> bool:
-        if verdict.converged or stage.step >= settings.max_steps:
+        if decision.converged or stage.step >= settings.max_steps:
             return True
         if not stage.checks or stage.checks[-1].step != stage.step:
             return False
@@ -321,13 +321,13 @@ def run_ensembles(
         before, states = stage.step, stage.extend(advance_one, states, streams, settings)
         budget.spend((stage.step - before) * settings.ensembles * settings.walkers)
         stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
-        verdict = stage.verdict(settings)
+        decision = stage.decision(settings)
         stage.condense()
         if progress is not None:
-            progress(stage.report(settings, verdict, time.perf_counter() - began))
-    if not verdict.converged and stage.step < settings.max_steps and budget.is_spent:
-        verdict = replace(verdict, reason=f"{verdict.reason}; {budget}")
-    return stage.chains(settings, verdict, time.perf_counter() - began)
+            progress(stage.report(settings, decision, time.perf_counter() - began))
+    if not decision.converged and stage.step < settings.max_steps and budget.is_spent:
+        decision = replace(decision, reason=f"{decision.reason}; {budget}")
+    return stage.chains(settings, decision, time.perf_counter() - began)
 
 
 def run_adapted(

@@ -104,7 +104,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class StopDecision:
     """Whether the stop rule is met, and the figures that say so."""
 
     converged: bool
@@ -277,7 +277,7 @@ def next_check(step: int, settings: SamplerSettings) -> int:
     return following if _one_distance_on(following, settings) <= settings.max_steps else settings.max_steps
 
 
-def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
+def judge(settings: SamplerSettings, checks: Sequence[Check]) -> StopDecision:
     """Apply the stop rule to the last check.
 
     The rule is met if the kept steps exceed ``tau_factor`` τ, also that of each interval end, if τ has changed by less
@@ -294,7 +294,7 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
 
     Returns
     -------
-    Verdict
+    StopDecision
         Whether the rule is met, and one sentence with the figures in either case.
     """
     last, unmet = checks[-1], _unmet(settings, checks)
@@ -308,13 +308,13 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> Verdict:
             f"{last.kept} after burn-in"
         )
     if unmet:
-        return Verdict(False, f"not converged {where}: {'; '.join(unmet)}")
+        return StopDecision(False, f"not converged {where}: {'; '.join(unmet)}")
     assert error is not None
     factor, tolerance = f"{settings.tau_factor:g}", f"{100 * settings.tau_tolerance:.1f} %"
     met = f"autocorrelation time τ = {last.tau_max:.1f} steps, below 1/{factor} of the {last.kept} after burn-in"
     agree = f"R̂ ≤ {last.r_hat_max:.4f} over {settings.ensembles} ensembles"
     ends = ENDS_ARE_GOOD.format(f"{100 * error.share:.1f}")
-    return Verdict(True, f"converged {where}: {ends}; {met}, stable within {tolerance}; {agree}")
+    return StopDecision(True, f"converged {where}: {ends}; {met}, stable within {tolerance}; {agree}")
 
 
 def expected_steps(settings: SamplerSettings, last: Check) -> int:
