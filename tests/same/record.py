@@ -56,7 +56,7 @@ def record(name: str) -> Record:
         with one_blas_thread():  # as `write_report`
             inputs = ReportInputs(posterior)
             page = render_html(build_report(inputs, datetime.date(2026, 1, 1)))
-            summary = inputs.summary.to_json()
+            summary = inputs.summary.to_dict()
     return {
         "made_with": arithmetic(),
         "draws_sha256": hash_of(posterior),

@@ -20,7 +20,6 @@ from vibrecords.arrays import Array
 _SUPERSCRIPT = {1: "", 2: "²"}
 #: Of more stiffnesses than these products are made of two at a time.
 _FEW = 4
-FLEXIBILITY = "flexibility at "
 #: Lever arms in m at which a joint's flexibility is evaluated, either way.
 _OF_AN_ARM = 1.5  # penalty: the arm is fitted
 _ARMS = np.geomspace(1e-3, 10.0, 401)
@@ -28,13 +27,17 @@ _ARMS = np.geomspace(1e-3, 10.0, 401)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combination:
-    """A quantity: name, values by stiffness (n, q), whether it is a coordinate, what it must be better by, unit."""
+    """A quantity: name, values by stiffness (n, q), whether it is a coordinate, what it must be better by, unit.
+
+    `what` is how a sentence on a flexibility begins; else empty.
+    """
 
     name: str
     of: Callable[[Array], Array]
     single: bool
     penalty: float
     unit: str = ""
+    what: str = ""
 
     def within(self, columns: slice) -> "Combination":
         """The same of one joint whose stiffnesses stand in these columns of those of all joints."""
@@ -159,8 +162,10 @@ def flexibilities_at_arms(parametrisation: Parametrisation, values: Array, joint
         return []  # no joint of positive energy
     widths = [np.ptp(np.quantile(np.log(value), [0.025, 0.975])) for value in flexibilities]
     best = float(f"{arms[int(np.argmin(widths))]:.2g}")
-    name = prefixed(joint, f"{FLEXIBILITY}a lever arm of {1000 * best:g} mm".replace("-", "−"))
-    return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM, "m/N")]
+    arm = f"a lever arm of {'−' if best < 0 else ''}{1000 * abs(best):g} mm"
+    what = " ".join(filter(None, (f"under a force at {arm} the joint", joint, "gives")))
+    name = prefixed(joint, f"flexibility at {arm}")
+    return [Combination(name, lambda k: flexibility(k, best), False, _OF_AN_ARM, "m/N", what)]
 
 
 def _powers_of_pairs(count: int) -> list[tuple[int, ...]]:

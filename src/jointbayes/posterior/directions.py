@@ -12,7 +12,7 @@ Computational Biology 3(10), e189. DOI 10.1371/journal.pcbi.0030189 (combination
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
-    FLEXIBILITY,
     Combination,
     combinations_of,
     flexibilities_at_arms,
@@ -31,7 +30,7 @@ from jointbayes.joint.combinations import (
 )
 from jointbayes.posterior.identifiability import CERTAINTY, Verdict, VerdictClass, assess, judge_by_rule, ratio_of
 from jointbayes.rounding import rounded, rounded_interval, with_interval
-from jointbayes.verdict_rule import RULE
+from jointbayes.verdict_rule import RULE, VerdictRule
 from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054
@@ -70,9 +69,13 @@ class NamedDirection:
     interval95_error
         Monte Carlo standard errors of the two ends; NaN for a combination.
     limit
-        For a stiffness that is bounded below or above: its one-sided limit in words; else empty.
+        One-sided limit of a stiffness that is bounded below or above, SI units; else NaN.
     median
         Of the quantity over the draws, SI units.
+    unit
+        Unit of the quantity; empty for a combination without one.
+    what
+        What a flexibility is in a sentence: ``"under a force at a lever arm of 100 mm the joint gives"``; else empty.
     """
 
     quantity: str
@@ -82,17 +85,15 @@ class NamedDirection:
     verdict: VerdictClass
     sentence: str
     interval95_error: tuple[float, float] = (math.nan, math.nan)
-    limit: str = ""
+    limit: float = math.nan
     median: float = math.nan
+    unit: str = ""
+    what: str = ""
 
     @property
     def as_flexibility(self) -> str:
         """What the joint does under a force, in words; empty of what is no flexibility."""
-        joint, _, arm = self.quantity.partition(FLEXIBILITY)
-        if not arm:
-            return ""
-        ends = with_interval(self.interval95, "m/N")
-        return f"under a force at {arm} the joint {joint.rstrip('.')}{joint and ' '}gives {ends} ({self.verdict})"
+        return self.what and f"{self.what} {with_interval(self.interval95, 'm/N')} ({self.verdict})"
 
 
 def name_directions(
@@ -100,6 +101,7 @@ def name_directions(
     prior: ArrayLike,
     judged: Mapping[str, Verdict] | None = None,
     parametrisation: Parametrisation | None = None,
+    rule: Callable[[str], VerdictRule] = lambda _: RULE,
 ) -> tuple[NamedDirection, ...]:
     """Name the combinations of the stiffnesses that draws determine independently, best known first.
 
@@ -118,6 +120,8 @@ def name_directions(
         not among them are assessed here.
     parametrisation
         Says what the stiffnesses are; by default k11, k12 and k22 of a coupled pair.
+    rule
+        Gives the thresholds of a quantity by its name; by default the usual ones.
 
     Returns
     -------
@@ -125,11 +129,11 @@ def name_directions(
         As many as the joint has coordinates.
     """
     draws, before = np.asarray(stiffness, dtype=float), np.asarray(prior, dtype=float)
-    search = _Search(draws, before, dict(judged or {}), parametrisation or parametrisation_named("log"))
+    search = _Search(draws, before, dict(judged or {}), parametrisation or parametrisation_named("log"), rule)
     singles = [search.judged(quantity) for quantity in search.singles]
     if all(single.cls == "identified" for single in singles):
         order = sorted(zip(search.singles, singles, strict=True), key=lambda pair: pair[1].ratio)
-        return tuple(_named(quantity, single) for quantity, single in order)
+        return tuple(search.named(quantity, single) for quantity, single in order)
     return search.run()
 
 
@@ -156,8 +160,9 @@ class _Search:
         prior: Array,
         judged: dict[str, Verdict],
         parametrisation: Parametrisation,
+        rule: Callable[[str], VerdictRule],
     ) -> None:
-        self._stiffness, self._prior, self._known = stiffness, prior, judged
+        self._stiffness, self._prior, self._known, self._rule = stiffness, prior, judged, rule
         self._parametrisation = parametrisation_of_draws(parametrisation, stiffness)
         self.names = self._parametrisation.names
         self._theta = self._parametrisation.coordinates(stiffness)
@@ -179,7 +184,7 @@ class _Search:
         while len(named) < len(self.names):
             quantity, judged = self._widest(axes) if len(named) == len(self.names) - 1 else self._best(axes)
             words = "" if judged.cls in ("identified", "weakly identified") else self._moving_with(quantity)
-            named.append(_named(quantity, judged, words))
+            named.append(self.named(quantity, judged, words))
             beside = _orthogonal_part(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
         return tuple(named)
@@ -187,10 +192,42 @@ class _Search:
     def judged(self, quantity: Combination) -> Verdict:
         """What is known of a quantity, by its draws; of none is more said than of single stiffnesses."""
         if quantity.name not in self._known:
-            assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior))
+            assessment = assess(quantity.of(self._stiffness), quantity.of(self._prior), rule=self._rule(quantity.name))
             failed = any(other.cls == "no verdict" for other in self._known.values())
             self._known[quantity.name] = replace(assessment, cls="no verdict") if failed else assessment
         return self._known[quantity.name]
+
+    def named(self, quantity: Combination, judged: Verdict, moving: str = "") -> NamedDirection:
+        """Return a quantity with its words: value or limit, and why its interval alone does not give the class."""
+        (low, high), errors = judged.interval, judged.interval_error
+        ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
+        unit, bounded = judged.unit or quantity.unit, math.isfinite(judged.limit)
+        value = f"{rounded(judged.median)} ({rounded_interval((low, high), errors)}), SI units"
+        if unit:
+            value = replace(judged, unit=unit).value
+        if not bounded and low <= 0 <= high:
+            value += ", which contains zero"
+        elif not bounded and math.isinf(judged.ratio):
+            value += ", with draws of either sign"
+        elif not bounded and judged.cls not in (
+            judge_by_rule(self._rule(quantity.name), judged.ratio, 1.0)[0],
+            "no verdict",
+        ):
+            value += f"; {judged.because}"
+        verb = "has" if judged.cls == "no verdict" else "is"  # a failed run
+        return NamedDirection(
+            quantity.name,
+            (low, high),
+            ratio,
+            judged.sd_log,
+            judged.cls,
+            f"{quantity.name} {verb} {judged.cls}: {value}{moving}",
+            errors,
+            judged.limit,
+            judged.median,
+            unit,
+            quantity.what,
+        )
 
     def _best(self, axes: Array) -> tuple[Combination, Verdict]:
         """The best known quantity that says something else than those named."""
@@ -273,28 +310,6 @@ class _Search:
 def _orthogonal_part(gradient: Array, axes: Array) -> Array:
     """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
     return gradient - axes.T @ (axes @ gradient)
-
-
-def _named(quantity: Combination, judged: Verdict, moving: str = "") -> NamedDirection:
-    """A quantity in words: its value or limit, and the reason where the verdict does not follow from the interval."""
-    (low, high), errors = judged.interval, judged.interval_error
-    ratio = math.inf if math.isinf(judged.ratio) else ratio_of((low, high))  # draws of either sign have none
-    unit, bounded = judged.unit or quantity.unit, math.isfinite(judged.limit)
-    value = f"{rounded(judged.median)} ({rounded_interval((low, high), errors)}), SI units"
-    if unit:
-        value = replace(judged, unit=unit).value
-    if not bounded and low <= 0 <= high:
-        value += ", which contains zero"
-    elif not bounded and math.isinf(judged.ratio):
-        value += ", with draws of either sign"
-    elif not bounded and judged.cls not in (judge_by_rule(RULE, judged.ratio, 1.0)[0], "no verdict"):
-        value += f"; {judged.because}"
-    verb = "has" if judged.cls == "no verdict" else "is"  # a failed run
-    sentence = f"{quantity.name} {verb} {judged.cls}: {value}{moving}"
-    limit = value if bounded else ""
-    return NamedDirection(
-        quantity.name, (low, high), ratio, judged.sd_log, judged.cls, sentence, errors, limit, judged.median
-    )
 
 
 def _moves_with(axis: Coordinate, main_axis: Coordinate, slope: float) -> str:

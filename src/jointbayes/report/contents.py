@@ -8,7 +8,7 @@ from typing import TypeAlias, TypeVar
 
 from jointbayes.report.guides import with_guides
 from jointbayes.report.inputs import ReportInputs, TestInputs
-from jointbayes.report.methods import methods_section, terms_section
+from jointbayes.report.methods import methods_section, rules_of, terms_section
 from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
 from jointbayes.report.sections.fit_to_data import fit_section, left_out_section
@@ -71,7 +71,7 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
         title=inputs.title,
         subtitle=f"Joint stiffness with uncertainty{synthetic}",
         lead=first,
-        sections=(*map(_fitted, (*pages, *more, *appendix)), terms_section(" ".join(said))),
+        sections=(*map(_fitted, (*pages, *more, *appendix)), terms_section(" ".join(said), rules_of(inputs.posterior))),
         date=date,
         version=inputs.posterior.record.versions["jointbayes"],
     )

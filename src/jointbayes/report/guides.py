@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Collection
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
@@ -9,7 +10,7 @@ from typing import Any
 
 from jointbayes.report.model import Block, Figure, Guide, Report
 from jointbayes.sampling import SamplerSettings
-from jointbayes.verdict_rule import RULE
+from jointbayes.verdict_rule import RULE, VerdictRule
 
 
 @cache
@@ -35,7 +36,9 @@ def _guided(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
     return tuple(replace(b, guide=b.guide or guide_of(b.identifier)) if isinstance(b, Figure) else b for b in blocks)
 
 
-def terms() -> dict[str, str]:
-    """Meaning of each term, in the order in which they are printed."""
-    limits = {"identified": RULE.identified, "weak": RULE.weakly_identified, "r_hat": SamplerSettings().r_hat_max}
+def terms(rules: Collection[VerdictRule] = (RULE,)) -> dict[str, str]:
+    """Meaning of each term, in the order in which they are printed; `rules` are those of a run's stiffnesses."""
+    each = {"identified": {rule.identified for rule in rules}, "weak": {rule.weakly_identified for rule in rules}}
+    limits = {name: " or ".join(f"{limit:g}" for limit in sorted(some)) for name, some in each.items()}
+    limits["r_hat"] = f"{SamplerSettings().r_hat_max:g}"
     return {term: meaning.format(**limits) for term, meaning in packaged("terms.toml").items()}

@@ -5,9 +5,11 @@ A text cites what ran by names in square brackets; exactly those are written as 
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from importlib.resources import files
 
+from jointbayes.phrases import listed
+from jointbayes.posterior import Posterior
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.report.guides import packaged, terms
 from jointbayes.report.inputs import ReportInputs, TestInputs
@@ -15,7 +17,7 @@ from jointbayes.report.markup import foreign, readable
 from jointbayes.report.model import Paragraph, ReportSection, Table
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
-from jointbayes.verdict_rule import RULE
+from jointbayes.verdict_rule import RULE, VerdictRule
 
 
 def report_text(key: str, **values: object) -> str:
@@ -59,7 +61,9 @@ def methods_text(inputs: ReportInputs) -> str:
         "simpler": knowledge.simpler,
     }
     told += [say[name] for name, happened in ran.items() if happened]
-    told += [f"{RULE}.", say["software"].format(**record.versions, seed=record.seed, data=summary.data_sha256)]
+    rules = rules_of(posterior)
+    told += [f"{f'{listed(names)}: ' if len(rules) > 1 else ''}{rule}." for rule, names in rules.items()]
+    told += [say["software"].format(**record.versions, seed=record.seed, data=summary.data_sha256)]
     return foreign(" ".join(told))
 
 
@@ -94,8 +98,16 @@ def methods_section(inputs: ReportInputs) -> ReportSection:
     return ReportSection("methods", "Methods", (Paragraph(methods_text(inputs)),), appendix=True)
 
 
-def terms_section(text: str) -> ReportSection:
-    """What the terms of a report mean, of those that its text has."""
-    used = tuple(row for row in terms().items() if any(term in text for term in row[0].split(", ")))
+def rules_of(posterior: Posterior) -> dict[VerdictRule, list[str]]:
+    """Stiffnesses by the thresholds that they are judged by."""
+    rules: dict[VerdictRule, list[str]] = {}
+    for name in posterior.stiffness_names:
+        rules.setdefault(posterior.rule(name), []).append(name)
+    return rules
+
+
+def terms_section(text: str, rules: Collection[VerdictRule] = (RULE,)) -> ReportSection:
+    """What the terms of a report mean, of those that its text has; `rules` are those of its stiffnesses."""
+    used = tuple(row for row in terms(rules).items() if any(term in text for term in row[0].split(", ")))
     table = Table("Terms", ("Term", "Meaning"), used, align="ll")
     return ReportSection("terms", "Terms", (table,), appendix=True)

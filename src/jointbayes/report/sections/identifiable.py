@@ -1,12 +1,14 @@
 """What the data determine and what it assumes: combinations, correlations, uncertain inputs, likelihood limits."""
 
+import math
+
 import numpy as np
 
 from jointbayes.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
-from jointbayes.posterior.identifiability import LIMIT_LEVEL, VerdictClass
+from jointbayes.posterior.identifiability import LIMIT_LEVEL, VerdictClass, limit_in_words
 from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
@@ -61,8 +63,8 @@ def _verdict(verdict: VerdictClass, *, explained: bool) -> str:
 
 def _figures(named: NamedDirection) -> tuple[str, str, str]:
     """Interval, ratio of its ends and spread; of a stiffness that is bounded its limit only."""
-    if named.limit:
-        return named.limit, "–", "–"
+    if math.isfinite(named.limit):
+        return limit_in_words(named.verdict, named.limit, named.unit), "–", "–"
     ends = rounded_interval(named.interval95, named.interval95_error)
     return ends, factor(named.ratio), number(named.sd_log)
 
