@@ -11,7 +11,10 @@ import numpy as np
 LINE = 100
 _MOST_DIGITS = 5
 _DIGITS_WITHOUT_ERROR = 3
+#: Monte Carlo error of a number over the number: from here on it has one digit, and an end of an interval no value.
+_ONE_DIGIT, _NO_VALUE = 0.25, 0.5
 _POWERS_FROM = 4  # the power of ten from which on a number is written as one
+_DECADE = math.log(10)
 _LARGEST_TWICE_LOG = 2 * math.log(1e6)
 _PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
@@ -72,6 +75,7 @@ def _split(value: float, error: float) -> tuple[int, int]:
     digits = _DIGITS_WITHOUT_ERROR
     if error > 0 and math.isfinite(error):
         digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1
+        digits = 1 if error > _ONE_DIGIT * abs(value) else digits
     elif error == 0:
         digits = _MOST_DIGITS
     digits = min(max(digits, 1), _MOST_DIGITS)
@@ -128,7 +132,7 @@ def with_interval(values: Sequence[float], unit: str, errors: Sequence[float] = 
     """A value with its 95 % interval, or the interval alone, as every page, line and figure prints it.
 
     Three digits, or as many as tell the ends apart to a fifth of the interval's width, and no more than the errors
-    support.
+    support. An end that its error leaves open by a factor is printed as "above" or "below" one standard error inside.
 
     Parameters
     ----------
@@ -145,11 +149,20 @@ def with_interval(values: Sequence[float], unit: str, errors: Sequence[float] = 
     ('1.52 (1.51 to 1.58) MN·m/rad', '3.19 to 15.2 GN/m')
     >>> with_interval((2.0005e7, 1.9988e7, 2.0021e7), "N/m")
     '20.005 (19.988 to 20.021) MN/m'
+    >>> with_interval((5.1e9, 3.2e9, 4.1e10), "N/m", (1e8, 1e7, 3e10))
+    '5.1 (3.20 to above 20) GN/m'
     """
     width = abs(values[-1] - values[-2])
     least = [_last_place(value, width) for value in values]
     supported = [np.fmax(*pair) for pair in zip(least, errors or least, strict=True)]
-    (*value, low, high), of = engineering(values, unit, supported)
+    shown, open_ends = list(values), ["", ""]
+    for end, (word, side) in enumerate((("below ", 1.0), ("above ", -1.0)), len(values) - 2):
+        share = supported[end] / values[end] if values[end] > 0 else 0.0
+        if share > _NO_VALUE:
+            shown[end] *= math.exp(side * min(share, _DECADE))
+            open_ends[end - len(values)] = word
+    (*value, low, high), of = engineering(shown, unit, supported)
+    low, high = (word + text for word, text in zip(open_ends, (low, high), strict=True))
     return join_unit(f"{value[0]} ({low} to {high})" if value else f"{low} to {high}", of)
 
 
@@ -316,8 +329,10 @@ def sentence_start(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def in_lines(text: str, indent: int) -> list[str]:
+def in_lines(text: str, indent: int, *, inside: int = 0) -> list[str]:
     """A sentence in lines of at most `LINE` characters, the first indented by so many blanks, the others by four more.
+
+    Lines are shorter by `inside` where these are printed with further blanks before them.
 
     Examples
     --------
@@ -325,7 +340,8 @@ def in_lines(text: str, indent: int) -> list[str]:
     ['    k22: 1.5e6']
     """
     first = " " * indent
-    return textwrap.wrap(text, LINE, initial_indent=first, subsequent_indent=first + " " * 4, break_on_hyphens=False)
+    width = LINE - inside
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=first + " " * 4, break_on_hyphens=False)
 
 
 def contraction(value: float | None, decimals: int) -> str:

@@ -65,3 +65,17 @@ def test_a_median_and_the_ends_of_its_interval_are_told_alike():
 )
 def test_a_value_has_three_digits_or_those_that_its_interval_needs(values, errors, text):
     assert with_interval(values, "N·m/rad", errors) == text
+
+
+@pytest.mark.parametrize(
+    ("values", "errors", "text"),
+    [
+        ((5.1e9, 3.2e9, 1.46e10), (1e8, 1e7, 6e9), "5.1 (3.20 to 10) GN/m"),  # one digit
+        ((5.1e9, 3.2e9, 4.1e10), (1e8, 1e7, 3e10), "5.1 (3.20 to above 20) GN/m"),
+        ((5.1e9, 3.2e8, 9.1e9), (1e8, 3e8, 1e8), "5.1 (below 0.8 to 9.1) GN/m"),
+        ((5.1e9, 3.2e9, 4.1e10), (1e8, 1e7, 9e12), "5.1 (3.20 to above 4) GN/m"),
+        ((5.1e9, -3.2e9, 4.1e10), (1e8, 9e9, 1e9), "5.1 (-3 to 41) GN/m"),
+    ],
+)
+def test_an_end_with_a_large_monte_carlo_error_is_printed_with_one_digit_or_as_a_limit(values, errors, text):
+    assert with_interval(values, "N/m", errors) == text
