@@ -54,7 +54,7 @@ class Callout:
     kind : {"good", "caution", "bad"}
         Colour and symbol of the banner.
     text : str
-        The message; starting it with a bold verdict reads best.
+        The message; starting it with a bold answer reads best.
     """
 
     tag: ClassVar[str] = "callout"
@@ -74,11 +74,14 @@ class Light:
         Colour and symbol.
     text : str
         One sentence.
+    finding : str
+        Code of what was found, see `jointbayes.report.sections.trust.FINDINGS`.
     """
 
     name: str
     kind: Kind
     text: str
+    finding: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +277,7 @@ class Report:
     title, subtitle : str
         Head of the report; the subtitle may be empty.
     lead : tuple of Block
-        Shown before the first section: the verdict comes first.
+        Shown before the first section: the answer comes first.
     sections : tuple of ReportSection
         The body.
     date : datetime.date

@@ -4,67 +4,77 @@ import math
 
 from jointbayes.phrases import DO_NOT_USE
 from jointbayes.posterior.compared_frfs import sentences_of_faults
-from jointbayes.posterior.model_errors import InferredError
 from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Light, Lights
+from jointbayes.report.model import Kind, Light, Lights
 from jointbayes.rounding import number
+
+#: What may be found of calculation, model and data, and the colour of the light then.
+FINDINGS: dict[str, tuple[str, Kind]] = {
+    "not settled": ("Calculation", "bad"), "best fit missed": ("Calculation", "bad"),
+    "edge of a stated prior": ("Calculation", "caution"), "coarse mesh": ("Calculation", "caution"),
+    "settled": ("Calculation", "good"),
+    "misfit": ("Model", "bad"), "noise of bodies ignored": ("Model", "bad"),
+    "no model of this structure": ("Model", "bad"), "noise of bodies": ("Model", "caution"),
+    "noise overstated": ("Model", "caution"), "large error": ("Model", "caution"),
+    "usual error": ("Model", "good"), "explained": ("Model", "good"),
+    "doubts": ("Data", "caution"), "computed": ("Data", "caution"), "measured": ("Data", "good"),
+}  # fmt: skip
 
 
 def lights_of(inputs: ReportInputs) -> Lights:
     """Calculation, model and data."""
-    return Lights((_calculation(inputs), _model(inputs), _data(inputs)))
+    found = (_calculation(inputs), _model(inputs), _data(inputs))
+    return Lights(tuple(Light(*FINDINGS[finding], text, finding) for finding, text in found))
 
 
-def _calculation(inputs: ReportInputs) -> Light:
+def _calculation(inputs: ReportInputs) -> tuple[str, str]:
+    """Finding on the calculation, and its sentence."""
     posterior, summary = inputs.posterior, inputs.summary
-    name = "Calculation"
     if not posterior.converged:
         how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
-        return Light(name, "bad", f"Not settled: {DO_NOT_USE}. {how}")
+        return "not settled", f"Not settled: {DO_NOT_USE}. {how}"
     if not posterior.mode_agrees:
-        text = f"The search missed the best fit: it lies {number(posterior.mode_distance, 2)} standard deviations away."
-        return Light(name, "bad", text)
-    if posterior.at_prior_edge and not posterior.problem.premises.of_modes:
-        text = f"The best fit lies on the edge of the prior of {foreign(', '.join(posterior.at_prior_edge))}: widen it."
-        return Light(name, "caution", text)
+        away = number(posterior.mode_distance, 2)
+        return "best fit missed", f"The search missed the best fit: it lies {away} standard deviations away."
+    # A default range is no statement of the user, so no one is asked to widen it.
+    edges = [name for name in posterior.at_prior_edge if not posterior.has_default_prior(name)]
+    if edges and not posterior.problem.premises.of_modes:
+        text = f"The best fit lies on the edge of the prior of {foreign(', '.join(edges))}: widen it."
+        return "edge of a stated prior", text
     if summary.mesh is not None and not summary.mesh.within:
-        return Light(name, "caution", foreign(summary.mesh.sentence))
-    return Light(name, "good", posterior.record.state)
+        return "coarse mesh", foreign(summary.mesh.sentence)
+    return "settled", posterior.record.state
 
 
-def _model(inputs: ReportInputs) -> Light:
+def _model(inputs: ReportInputs) -> tuple[str, str]:
+    """Finding on the model, and its sentence."""
     summary = inputs.summary
-    name, worst = "Model", worst_test(summary)
+    worst = worst_test(summary)
     of_test = f" of test {foreign(worst.check.test)}" if worst.check.test else ""
-    bodies = summary.measured_bodies
+    bodies, error = summary.measured_bodies, summary.model_error
     if bodies is not None and not bodies.within:
-        return Light(name, "bad" if bodies.ignored else "caution", foreign(bodies.sentence))
+        return "noise of bodies ignored" if bodies.ignored else "noise of bodies", foreign(bodies.sentence)
     if not worst.check.explains:
         misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
-        return Light(name, "bad", f"Does not explain the {worst.check.of}{of_test}. {misfit}")
+        return "misfit", f"Does not explain the {worst.check.of}{of_test}. {misfit}"
     if worst.check.finding == "noise overstated":
-        return Light(
-            name, "caution", f"Explains the {worst.check.of}{of_test}, with noise stated too large. {_misfit(worst)}"
-        )
+        text = f"Explains the {worst.check.of}{of_test}, with noise stated too large. {_misfit(worst)}"
+        return "noise overstated", text
     of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
-    if summary.model_error is not None:
-        return _by_its_error(summary.model_error, of_all)
-    return Light(name, "good", f"Explains the {worst.check.of}{of_all}. {_misfit(worst)}")
-
-
-def _by_its_error(error: InferredError, of_all: str) -> Light:
-    """Of a model whose error was inferred its size says how good it is: residuals are small beside any such size."""
+    if error is None:
+        return "explained", f"Explains the {worst.check.of}{of_all}. {_misfit(worst)}"
+    # The size of an inferred error says how good the model is: residuals are small next to any such size.
     if error.grade == "negligible":
-        return Light("Model", "good", f"Explains the modes{of_all}.")
+        return "explained", f"Explains the modes{of_all}."
     if error.grade == "usual":
         text = f"Explains the modes{of_all}. Its natural frequencies are off by {error.words}, as is usual."
-        return Light("Model", "good", text)
+        return "usual error", text
     found = " and ".join(error.findings)
     if error.grade == "large":
-        return Light("Model", "caution", f"More than usual: {found}. {error.causes}")
-    return Light("Model", "bad", f"It is no model of this structure: {found}. {error.causes}")
+        return "large error", f"More than usual: {found}. {error.causes}"
+    return "no model of this structure", f"It is no model of this structure: {found}. {error.causes}"
 
 
 def worst_test(summary: Summary) -> TestSummary:
@@ -79,7 +89,8 @@ def _misfit(test: TestSummary) -> str:
     return f"Misfit {misfit} times the noise; noise alone gives {low} to {high}."
 
 
-def _data(inputs: ReportInputs) -> Light:
+def _data(inputs: ReportInputs) -> tuple[str, str]:
+    """Finding on the data, and its sentence."""
     summary = inputs.summary
     doubts = [text for test, frfs in summary.compared_frfs.items() for text in sentences_of_faults(frfs, test)]
     doubts += [
@@ -89,10 +100,10 @@ def _data(inputs: ReportInputs) -> Light:
     doubts += [f"Check {warning}" for warning in summary.warnings]
     if doubts:
         more = f" And {len(doubts) - 1} more, see below." if len(doubts) > 1 else ""
-        return Light("Data", "caution", f"{foreign(_short(doubts[0]))}{more}")
+        return "doubts", f"{foreign(_short(doubts[0]))}{more}"
     if summary.fit.synthetic_data:
-        return Light("Data", "caution", "Computed from the joint and the noise that the case states, not measured.")
-    return Light("Data", "good", f"{summary.fit.n_data} measured values; nothing in them looks doubtful.")
+        return "computed", "Computed from the joint and the noise that the case states, not measured."
+    return "measured", f"{summary.fit.n_data} measured values; nothing in them looks doubtful."
 
 
 def _short(text: str, most: int = 180) -> str:

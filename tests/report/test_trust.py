@@ -1,0 +1,18 @@
+"""What the lights of page one find."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from jointbayes.report.sections.trust import FINDINGS, _calculation
+
+
+@pytest.mark.parametrize(("default", "finding"), [(True, "settled"), (False, "edge of a stated prior")])
+def test_a_best_fit_at_the_edge_is_a_finding_only_where_the_case_states_the_prior(default, finding):
+    posterior = SimpleNamespace(
+        converged=True, mode_agrees=True, at_prior_edge=("k11",), has_default_prior=lambda _: default,
+        problem=SimpleNamespace(premises=SimpleNamespace(of_modes=False)), record=SimpleNamespace(state="Converged."),
+    )  # fmt: skip
+    found, text = _calculation(SimpleNamespace(posterior=posterior, summary=SimpleNamespace(mesh=None)))
+    assert (found, "widen" in text) == (finding, not default)
+    assert FINDINGS[found] == ("Calculation", "good" if default else "caution")
