@@ -136,4 +136,4 @@ def test_a_run_out_of_evaluations_is_reported_with_its_draws(cheap_case):
     assert len(posterior.theta) > 0
     inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
     assert advice(posterior, ()) == "Raise max_evaluations in [sampling] and run again."
-    assert "[sampling] max_evaluations" in _calculation(inputs).text
+    assert "[sampling] max_evaluations" in _calculation(inputs)[1]

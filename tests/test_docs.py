@@ -82,7 +82,7 @@ def _leaf_tables(summary: dict[str, object]) -> Iterator[tuple[str, set[str]]]:
 @pytest.mark.parametrize("data", ["clamped_beam", "clamped_beam_frequencies"])
 def test_every_key_of_the_summary_is_documented_in_its_section(data):
     case, posterior = _tiny_posterior(data)
-    summary = summarise(posterior, case.problem.first_guess, case.measured_frequencies_hz).to_json()
+    summary = summarise(posterior, case.problem.first_guess, case.measured_frequencies_hz).to_dict()
     page = DOCS / "summary-json.md"
     sections = {heading: {key for key, _ in TABLE_ROW.findall(text)} for heading, text in _sections(page)}
     for name, keys in _leaf_tables(summary):

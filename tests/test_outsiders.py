@@ -165,7 +165,7 @@ class Rod(jb.Body):
 
 def test_a_plain_body_is_a_structure():
     lines = np.arange(200.0, 4000.0, 50.0)
-    data = jb.FrfData.of_arrays(lines, np.full((lines.size, 1, 1), 1e-9), 1e-10, ("100000:x",), ("100000:x",))
+    data = jb.FrfData.of_arrays(lines, np.full((lines.size, 1, 1), 1e-9 + 0j), 1e-10, ("100000:x",), ("100000:x",))
     plain, stated = (jb.Problem(structure=body, joint=("1:x",), data=data) for body in (Rod(), LongRod().certain()))
     assert plain.names == ("kx",)
     theta = plain.prior.sample(np.random.default_rng(1), 5)

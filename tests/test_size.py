@@ -14,18 +14,18 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 7910),
+    "vibrecords": (6500, 7915),
     "structure": (3300, 3940),
     "joint": (1200, 1430),
     "frf": (2000, 2060),
-    "inference": (2500, 2725),
+    "inference": (2500, 2740),
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
     "posterior": (3700, 4990),
-    "studies": (1700, 1720),
-    "case": (4000, 4990),
-    "report": (2900, 3540),
-    "cli and what stands alone": (1400, 1825),
+    "studies": (1700, 1740),
+    "case": (4000, 5000),
+    "report": (2900, 3550),
+    "cli and what stands alone": (1400, 1850),
 }
 
 

@@ -261,7 +261,7 @@ def test_draws_summary_and_report_of_a_problem_come_back(sampled, tmp_path):
     sampled.save(tmp_path / "kept.nc")
     loaded = jb.load_posterior(tmp_path / "kept.nc")
     np.testing.assert_array_equal(loaded.theta, sampled.theta)
-    assert loaded.summary().to_json() == sampled.summary().to_json()
+    assert loaded.summary().to_dict() == sampled.summary().to_dict()
     for posterior, name in ((sampled, "run"), (loaded, "again")):
         jb.write_report(posterior, tmp_path / name)
     run, again = tmp_path / "run", tmp_path / "again"

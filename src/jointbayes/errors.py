@@ -124,6 +124,8 @@ WENT = {
     "--out": "leave it out, the command prints its results; keep them with --json",
     "simulate": 'computed data stand in a case as kind = "synthetic_frf"',
     "level": "delete the table and the level of each test; with own = true the report has the ratios of tests",
+    "Summary.to_json": "use .to_dict()",
+    "Comparison.verdict": "use .finding",
     "plot_levels": 'draw posterior["tight.k22"] / posterior["loose.k22"]; the report has the ratios of tests',
     "Level": "leave it out; tests with joints of their own have ratios in the report",
     "assembly": "delete the table; with own = true each test has a joint of its own, to be compared in their ratio",
@@ -134,3 +136,9 @@ WENT = {
     "--limit": "leave it out: end the worker of a case that takes too long, it is done again, the third time set aside",
     "--again": "leave it out: a campaign tries all cases again that are not done",
 }
+
+
+def went(owner: object, name: str) -> AttributeError:
+    """Return the error of an attribute that an object lacks, with what to do where an earlier version had it."""
+    instead = WENT.get(f"{type(owner).__name__}.{name}", "")
+    return AttributeError(f"{type(owner).__name__} has no attribute {name!r}{instead and f': {instead}'}")

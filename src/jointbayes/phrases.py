@@ -161,7 +161,7 @@ def published_values(level: float, most: float = 0.95) -> str:
     return f"{agree} with the data: {100 * level:.1f} % of the draws are likelier"
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], last: str = "and") -> str:
     """Names in a sentence: ``"density, length and gain"``."""
     readable = [name.replace("youngs", "Young's").replace("_", " ") for name in names]
-    return "".join(readable) if len(readable) < 2 else f"{', '.join(readable[:-1])} and {readable[-1]}"
+    return "".join(readable) if len(readable) < 2 else f"{', '.join(readable[:-1])} {last} {readable[-1]}"

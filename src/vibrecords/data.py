@@ -70,6 +70,14 @@ class Data(ABC):
         return self.words
 
     @property
+    def in_full(self) -> str:
+        """What was measured, with every number that fits into a line."""
+        return self.words
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.in_full})"
+
+    @property
     def top_hz(self) -> float:
         """Highest measured frequency, Hz."""
         return self.band_hz[1]
@@ -115,7 +123,7 @@ class Data(ABC):
         return
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrfData(Data):
     """Measured FRFs, the variance of their noise, and where both come from.
 
@@ -165,12 +173,22 @@ class FrfData(Data):
         """Those of lines, values (lines, outputs, inputs) and the standard deviation √(E|δH|²) of their noise.
 
         The deviation is of the shape of the values, or one number, or one that broadcasts to them.
+
+        Raises
+        ------
+        MeasurementError
+            If the values are real: magnitudes, or real parts alone, are no FRF.
         """
+        if not np.iscomplexobj(values):
+            remedy = "of magnitude and phase take magnitude * np.exp(1j * phase)"
+            raise refusal("FRFs: values", "real values", "complex ones", remedy)
         frf = FrfSet(np.asarray(frequency_hz), np.asarray(values), tuple(outputs), tuple(inputs), quantity)
         return cls(frf, np.broadcast_to(np.asarray(sd, dtype=float) ** 2, frf.values.shape))
 
-    def __repr__(self) -> str:
-        return f"FrfData({self.frf!r}{', synthetic' if self.synthetic else ''})"
+    @property
+    def in_full(self) -> str:
+        """Quantity, DOFs and lines in words."""
+        return f"{self.frf.in_full}{', synthetic' if self.synthetic else ''}"
 
     @property
     def frfs(self) -> "FrfData":
@@ -310,7 +328,7 @@ class ModalData(Data):
         return f"{self.frequency_hz.size} {self.words}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FrequencyData(ModalData):
     """Measured natural frequencies, lowest first, with standard deviations; both shape (n,), Hz.
 
@@ -338,9 +356,11 @@ class FrequencyData(ModalData):
             found, expected = f"found standard deviations {self.sd_hz.tolist()} Hz", "all above 0"
             raise MeasurementError.of("natural frequencies", ("sd_hz",), found, expected, "correct them")
 
-    def __repr__(self) -> str:
+    @property
+    def in_full(self) -> str:
+        """Each natural frequency with its standard deviation."""
         pairs = zip(self.frequency_hz, self.sd_hz, strict=True)
-        return f"FrequencyData({', '.join(f'{f:g} ± {sd:.2g} Hz' for f, sd in pairs)})"
+        return ", ".join(f"{f:g} ± {sd:.2g} Hz" for f, sd in pairs)
 
     def with_values(self, values: Array) -> "FrequencyData":
         """The same with other frequencies, shape (n,), Hz."""

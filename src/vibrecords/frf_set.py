@@ -58,9 +58,14 @@ class FrfSet(OverFrequency):
         self._check_values()
 
     def __repr__(self) -> str:
+        return f"FrfSet({self.in_full})"
+
+    @property
+    def in_full(self) -> str:
+        """Quantity, DOFs and lines in words."""
         f = self.frequency_hz
         dofs = f"outputs {list_labels(self.outputs)}, inputs {list_labels(self.inputs)}"
-        return f"FrfSet({self.quantity}, {dofs}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz)"
+        return f"{self.quantity}, {dofs}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz"
 
     def _repr_html_(self) -> str:
         rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]

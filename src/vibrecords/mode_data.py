@@ -232,7 +232,7 @@ class ModeValue:
     repetition: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModeData(ModalData):
     """Modes from a modal test, or from several repetitions of it.
 
@@ -314,7 +314,9 @@ class ModeData(ModalData):
         """The FRFs that these modes were read off."""
         return self.read_off
 
-    def __repr__(self) -> str:
+    @property
+    def in_full(self) -> str:
+        """How many modes, their frequencies, and what else was measured of them."""
         listed = ", ".join(f"{f:.4g}" for f in self.frequency_hz)
         count = len(self.frequency.values)
         more = f", {count} repetitions" if count > 1 else ""
@@ -326,7 +328,7 @@ class ModeData(ModalData):
             shapes += printable(f"; antiresonances of {', '.join(dict.fromkeys(self.zeros.dofs))}")
         if self.constants is not None:
             shapes += printable(f"; modal constants of {', '.join(map('/'.join, self.constants.pairs))}")
-        return f"ModeData({self.frequency_hz.size} modes{more}: {listed} Hz{shapes})"
+        return f"{self.frequency_hz.size} modes{more}: {listed} Hz{shapes}"
 
     @cached_property
     def _mean(self) -> tuple[Array, Array]:

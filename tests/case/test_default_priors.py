@@ -100,7 +100,7 @@ def test_a_joint_of_a_measured_body_to_ground_needs_a_prior_and_starts_from_it()
     refused(
         lambda: jb.case_from_text("ground", REST + SWAPPED, directory=CONFIGS),
         jb.CaseError,
-        r"joints\.taper\.prior: found no prior; expected one for a joint",
+        r"joints\.taper\.prior: found no prior of taper.ky, taper.krz|found no prior of ky, krz; expected one for each",
     )
     stated = "[joints.taper.prior]\n" + "".join(
         f'{name} = {{ distribution = "log_uniform", low = {low}, high = {high} }}\n'
@@ -187,3 +187,20 @@ def test_a_problem_without_a_prior_has_it():
     whole = jb.Substructures(lone.structure, (body,))
     with pytest.raises(jb.ModelError, match=r"found no prior of joint '9:w' between measured bodies; .* pass prior="):
         jb.Problem(structure=whole, joint=jb.Joint(("9:w",)), data=lone.data)
+
+
+def test_one_stated_prior_leaves_the_defaults_of_the_others():
+    problem = springs(BEAM, ("1:y", "1:rz"), "11:y").problem
+    text = springs(BEAM, ("1:y", "1:rz"), "11:y").text
+    prior = '[prior.krz]\ndistribution = "log_uniform"\nlow = 10.0\nhigh = 1e6\n'
+    case = jb.case_from_text("one", text + prior)
+    assert case.default_priors == {"ky"}
+    stated = jb.Uniform.of_logarithm(10.0, 1e6)
+    assert case.problem.prior.marginals == (problem.prior.marginals[0], stated)
+    test = problem.test
+    arrays = {"structure": test.structures, "joint": test.joints.dofs, "data": test.data}
+    default, one = jb.Problem(**arrays).prior, jb.Problem(**arrays, prior={"k22": stated}).prior
+    assert one.marginals == (*default.marginals[:2], stated)
+    refused(
+        lambda: jb.Problem(**arrays, prior={"kz": stated}), jb.ModelError, "found a prior of 'kz'; expected priors of"
+    )

@@ -371,7 +371,7 @@ def saved_and_moved(posterior, folder, monkeypatch):
     theta = posterior.problem.prior.sample(np.random.default_rng(3), 16)
     np.testing.assert_array_equal(again.problem.log_posterior(theta), posterior.problem.log_posterior(theta))
     np.testing.assert_array_equal(again.theta, posterior.theta)
-    assert again.summary().to_json() == posterior.summary().to_json()
+    assert again.summary().to_dict() == posterior.summary().to_dict()
     assert again.case.stated is again.problem  # so that a report shows the text
     again.save(folder / "again.nc")  # which needs the files as little as the first
     assert jb.load_posterior(folder / "again.nc").case.title == posterior.case.title

@@ -7,7 +7,6 @@ import jointbayes as jb
 from jointbayes.joint import Joint, Joints, parametrisation_named
 from tests.case.refusal_rows import case_text_named
 from tests.conftest import CONFIGS, edited
-from tests.one_line import refused
 
 BEAM = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
 BEAM = BEAM[BEAM.index("[structure]") : BEAM.index("[joint]")]
@@ -65,6 +64,8 @@ def test_dashpots_and_loss_factors_of_a_joint_are_parameters_with_priors():
     theta = case.problem.parametrisation.coordinates([5e7, 5e4, 300.0, 0.1])
     assert (np.abs(case.problem.log_posterior.standardised(theta)) ** 2).mean() == pytest.approx(1.0, abs=0.3)
     stated = damped.replace("[data]\n", f"[prior]\nky = {PRIOR}\nkrz = {PRIOR}\ncy = {PRIOR}\n[data]\n", 1)
-    refused(lambda: jb.case_from_text("case.toml", stated), jb.CaseError, r"prior\.eta: missing table")
+    partly = jb.case_from_text("partly", stated)
+    assert partly.default_priors == {"eta"}
+    assert partly.problem.prior.marginals[3] == case.problem.prior.marginals[3]
     with pytest.raises(jb.CaseError, match=r"joint\.viscous: found viscous kz; expected each once of ky, krz"):
         jb.case_from_text("case.toml", damped.replace('viscous = ["ky"]', 'viscous = ["kz"]'))

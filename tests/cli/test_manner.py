@@ -202,7 +202,7 @@ def test_a_long_message_keeps_what_was_expected(capsys):
     names = ", ".join(f"name_{i}" for i in range(600))
     text = f"a.toml:3: key: found 'x'; expected one of {names}; did you mean \"name_1\"? rename it"
     fail(text)
-    assert capsys.readouterr().err.splitlines()[0] == text
+    assert capsys.readouterr().err.splitlines()[0] == f"jointbayes: {text}"
 
 
 @pytest.mark.parametrize("name", ["n" * 300, "some/" * 80 + "x", "/" + "n" * 300, "/deep" * 900])
@@ -263,7 +263,7 @@ def test_validate_tells_of_values_that_are_probably_slips(tmp_path):
     result = cli("validate", path)
     assert (result.exit_code, f"{path}: valid, warnings: 1; " in result.stdout) == (0, True)
     (warning,) = json.loads(cli("validate", path, "--json").stdout)["warnings"]
-    assert (warning["key"], warning["line"] > 1) == ("structure.length_mm", True)
+    assert (warning["code"], warning["key"], warning["line"] > 1) == ("shape", "structure.length_mm", True)
     assert "structure.length_mm: found 0.383: shorter than its section is thick" in result.stderr
 
 
@@ -283,12 +283,12 @@ def test_the_line_of_a_fault_is_shown_with_its_key_and_value_underlined(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(f"first = 1\n{row}\n", encoding="utf-8")
-    shown, carets = source_lines(f"jointbayes: a.toml:2: {key}: {message}; expected more; do it")
+    shown, carets = source_lines(f"a.toml:2: {key}: {message}; expected more; do it")
     assert shown.startswith("     2 | ")
     assert shown.isprintable()
     begin, count = carets.find("^"), carets.count("^")
     assert (shown[begin : begin + count] if count else "") == marked
-    assert source_lines("jointbayes: a.toml:9: key: found") == source_lines("no place") == []
+    assert source_lines("a.toml:9: key: found") == source_lines("no place") == []
 
 
 # ---- schema

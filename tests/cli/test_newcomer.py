@@ -3,11 +3,13 @@
 import json
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jointbayes.cli.files import _in_words
+import jointbayes as jb
+from jointbayes.cli.files import _structure_in_words
 from jointbayes.cli.output import source_lines
 from tests.conftest import CONFIGS, cheap_text, cli, shipped_text
 
@@ -69,21 +71,22 @@ def test_validate_says_what_was_tested_with_its_day_in_quotes_or_not(tmp_path, m
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("kind", "what", "names", "words"),
     [
-        ("300 mm, Modal damping, uncertain: nothing", "beam 300 mm, 40 × 8 mm, modal damping"),
+        ("beam", "300 mm", (), "beam 300 mm, 40 × 8 mm, modal damping"),
         (
-            "300 mm, Modal damping, uncertain: youngs_modulus, damping_ratio_1, damping_ratio_2, damping_ratio_4",
-            "beam 300 mm, 40 × 8 mm, modal damping; uncertain: Young's modulus, damping of modes 1 to 4",
+            "beam",
+            "300 mm",
+            ("youngs_modulus", "damping_ratio_1", "damping_ratio_2", "damping_ratio_4"),
+            "beam 300 mm, 40 × 8 mm, modal damping; uncertain: Young's modulus and damping of modes 1 to 4",
         ),
-        (
-            "solid_bar.npz, 9 DOFs, Loss factor, uncertain: nothing",
-            "solid_bar.npz, 9 DOFs, loss factor",
-        ),
+        ("imported", "solid_bar.npz, 9 DOFs", (), "solid_bar.npz, 9 DOFs, modal damping"),
     ],
 )
-def test_validate_says_the_structure_in_words(line, words):
-    assert _in_words(f"structure: {line}", ["material and section: 40 × 8 mm"]) == f"structure: {words}"
+def test_validate_says_the_structure_in_words(kind, what, names, words):
+    recipe = SimpleNamespace(kind=kind, what=what, damping=jb.ModalDamping((0.01,)))
+    test = SimpleNamespace(structures=SimpleNamespace(recipe=recipe, names=names), measured_bodies=())
+    assert _structure_in_words(test, {"40 × 8 mm": []}) == words
 
 
 @pytest.mark.parametrize(

@@ -199,7 +199,7 @@ class PosteriorTarget(Target):
         import jointbayes as jb
 
         posterior = jb.load_posterior(path)
-        json.dumps(posterior.summary().to_json(), allow_nan=False)
+        json.dumps(posterior.summary().to_dict(), allow_nan=False)
         if sha256(path.read_bytes()).digest()[0] < 5:
             jb.write_report(posterior, Path("report"))
             shutil.rmtree("report")

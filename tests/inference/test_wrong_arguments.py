@@ -40,7 +40,7 @@ def test_what_a_problem_has_itself_can_be_replaced(problem):
     ("wrong", "message"),
     [
         (lambda p: {"data": p.test.data.frf}, r"found as data FrfSet; expected .* jb\.FrfData\(frf, variance\)$"),
-        (lambda p: {"structure": np.eye(3)}, r"found as structure ndarray; expected a body, such as jb\.beam"),
+        (lambda p: {"structure": np.eye(3)}, r"found as structure ndarray; expected a body, such as jb\.BeamFamily"),
         (lambda p: {"noise": "student"}, r"found as noise 'student'; expected a noise model of jointbayes\.inference"),
         (lambda p: {"prior": jb.LogStiffness()}, r"found as prior LogStiffness; expected jb\.JointPrior\("),
     ],

@@ -183,7 +183,7 @@ def test_the_flexibility_at_a_lever_arm_is_named_where_each_stiffness_is_bounded
 
 def test_terminal_page_one_and_summary_say_what_is_excluded(stated, capsys):
     inputs = stated
-    said, summary = inputs.knowledge.bounds_sentence, inputs.summary.to_json()["identifiability"]
+    said, summary = inputs.knowledge.bounds_sentence, inputs.summary.to_dict()["identifiability"]
     assert said.startswith("The data rule out that the joint is rigid (more than 1e6 times less likely)")
     assert "The data do not rule out that the joint is uncoupled (" in said
     best = inputs.knowledge.directions[0]

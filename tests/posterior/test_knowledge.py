@@ -68,7 +68,7 @@ def of_uncertain(uncertain, gathered):
 
 
 def report(inputs):
-    return build_report(inputs, DATE), inputs.summary.to_json()
+    return build_report(inputs, DATE), inputs.summary.to_dict()
 
 
 @pytest.fixture(scope="module")

@@ -166,14 +166,14 @@ def test_a_test_left_out_is_predicted_from_the_others():
     assert left_out.test == "heavy"
     assert left_out.inside.all()
     posterior = jb.sample(read, seed=1)
-    assert posterior.summary().to_json()["left_out"]["inside"] == 3
+    assert posterior.summary().to_dict()["left_out"]["inside"] == 3
     assert read.workshop_problem is not None
     assert [test.name for test in read.workshop_problem.left_out] == ["heavy"]
 
 
 def test_a_summary_of_nothing_left_out_says_so(cheap_posterior):
     assert cheap_posterior.predict_left_out() == ()
-    assert cheap_posterior.summary().to_json()["left_out"] is None
+    assert cheap_posterior.summary().to_dict()["left_out"] is None
 
 
 @pytest.mark.parametrize(

@@ -367,7 +367,7 @@ def test_a_limit_that_excludes_little_of_the_prior_is_none(cheap_posterior):
 
 
 def test_the_summary_has_one_interval_and_the_limits(cheap_posterior):
-    for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_json()))["parameters"].items():
+    for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_dict()))["parameters"].items():
         known = cheap_posterior.verdict(name)
         assert tuple(entry["interval95"]) == known.interval
         assert entry["likelihood95"] == [end if math.isfinite(end) else None for end in known.likelihood95]

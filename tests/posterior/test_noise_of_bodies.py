@@ -54,7 +54,7 @@ def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior
         wide = np.log(posterior.interval(name))
         assert high - low < 0.9 * (wide[1] - wide[0])
     summary = ignoring.summary()
-    table = summary.to_json()["measured_bodies"]
+    table = summary.to_dict()["measured_bodies"]
     assert table["ignored"]
     assert not table["within_bound"]
     assert "Intervals are too narrow." in str(summary)
@@ -97,7 +97,7 @@ def test_the_files_of_bodies_are_listed_and_their_numbers_are_in_the_fingerprint
 
     of(replace(body, files=(file,))).save(tmp_path / "posterior.nc")
     again = judged_as(load_posterior(tmp_path / "posterior.nc"), posterior)
-    summary = again.summary().to_json()
+    summary = again.summary().to_dict()
     assert summary["measured_bodies"]["files"] == {
         "spindle": [{"name": "nose.uff", "size": 1234, "sha256": file.sha256}]
     }

@@ -12,6 +12,7 @@ from jointbayes.rounding import number
 from jointbayes.studies.lobes import Cut, limiting_depth
 from jointbayes.studies.predict import read_other
 from tests.conftest import TO_CONVERGE, cli, shipped_text
+from tests.one_line import refused
 
 TIP = jb.Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
 ASKED = """
@@ -54,6 +55,20 @@ def test_the_structure_of_the_run_is_predicted_as_the_run_predicts_it(cheap_post
     band = cheap_posterior.predict_frf(jb.Ports(TIP.frequency_hz, ("5:y",), ("5:y",)))  # the same place
     np.testing.assert_allclose(found.frf.magnitude_high, band.magnitude_high, rtol=1e-6)
     np.testing.assert_allclose(found.frf.phase_deg, band.phase_deg, rtol=1e-6, atol=1e-6)
+
+
+def test_a_body_a_problem_and_a_posterior_of_it_are_predicted_as_its_recipe_is(cheap_posterior):
+    recipe = recipe_of(cheap_posterior)
+    expected = cheap_posterior.predict(recipe, TIP, max_draws=5)
+    body = recipe.structure()
+    problem = cheap_posterior.problem.with_test(structure=jb.BeamFamily(recipe, {}))
+    for other in (body, problem, replace(cheap_posterior, problem=problem)):
+        found = cheap_posterior.predict(other, TIP, max_draws=5)
+        np.testing.assert_allclose(found.frequency_hz, expected.frequency_hz, rtol=1e-6)
+        np.testing.assert_allclose(found.values, expected.values, rtol=1e-5)
+    uncertain = [jb.Nuisance("density", "kg/m³", 7800.0, jb.Normal(0.0, 0.01))]
+    refused(lambda: cheap_posterior.predict(body, TIP, uncertain=uncertain), jb.ModelError, "found density of a body")
+    refused(lambda: cheap_posterior.predict("beam", TIP), jb.ModelError, "prediction: found as structure 'beam'")
 
 
 def test_natural_frequencies_of_another_length_are_those_of_dense_modes_of_each_draw(cheap_posterior):

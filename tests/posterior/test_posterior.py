@@ -278,7 +278,7 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
             judged_as(loaded, posterior)
         else:  # what other tests asked of the shared one first may have led a climb elsewhere by its last digits
             found = dataclasses.replace(posterior)
-        assert summarise(loaded, INITIAL, MEASURED_HZ).to_json() == summarise(found, INITIAL, MEASURED_HZ).to_json()
+        assert summarise(loaded, INITIAL, MEASURED_HZ).to_dict() == summarise(found, INITIAL, MEASURED_HZ).to_dict()
 
 
 def rewritten(path, change):
@@ -326,7 +326,7 @@ def test_a_file_that_holds_no_posterior_is_refused_in_one_line(saved, tmp_path, 
 
 
 def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
-    summary = json.loads(json.dumps(summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json(), allow_nan=False))
+    summary = json.loads(json.dumps(summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_dict(), allow_nan=False))
     assert (summary["schema_version"], summary["case"], summary["seed"]) == (5, "cheap", 1)
     assert (summary["converged"], summary["reason"]) == (True, cheap_posterior.reason)
     for i, name in enumerate(PAIR.stiffness_names):
@@ -356,7 +356,7 @@ def test_the_summary_states_the_numbers_of_the_posterior(cheap_posterior):
 
 
 def test_numbers_that_do_not_exist_are_null(frequency_posterior):
-    summary = json.loads(json.dumps(summarise(frequency_posterior, INITIAL).to_json(), allow_nan=False))
+    summary = json.loads(json.dumps(summarise(frequency_posterior, INITIAL).to_dict(), allow_nan=False))
     assert summary["parameters"]["k12"]["sd_log"] is None
     assert summary["natural_frequencies_hz"]["measured"] is None
     assert len(summary["natural_frequencies_hz"]["map"]) == 3

@@ -60,7 +60,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     assert portal.solutions.description in limits
     assert step == f"**Next.** {portal.solutions.advice}"
     assert sentence == f"{portal.solutions.description} {portal.solutions.advice}"
-    found = json.loads(json.dumps(summary.to_json(), allow_nan=False))
+    found = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert found["solutions"] == sentence
     assert [mode["share"] for mode in found["modes"]] == pytest.approx(portal.solutions.shares)
     for mode in found["modes"]:
@@ -135,7 +135,7 @@ def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
     assert solutions.split == ()
     assert (solutions.sentence, solutions.reason("k11")) == ("", None)
     assert solutions.summaries() == ()
-    assert cheap_posterior.summary().to_json()["modes"] == []
+    assert cheap_posterior.summary().to_dict()["modes"] == []
 
 
 def test_a_mode_that_no_interval_reaches_is_no_solution(storeys):

@@ -52,7 +52,7 @@ def refusal(path):
     ids=lambda path: path.stem,
 )
 def test_whole_files_are_read_and_summed_up(path):
-    summary = load_posterior(path).summary().to_json()
+    summary = load_posterior(path).summary().to_dict()
     assert all(p["r_hat"] for p in summary["parameters"].values())
 
 

@@ -156,7 +156,7 @@ def test_a_case_file_states_them(cheap_case):
 
 def test_a_failed_run_has_no_verdict_in_the_summary(cheap_posterior):
     failed = judged_as(unsettled(cheap_posterior), cheap_posterior)
-    summary = summarise(failed, (1e8, 0.0, 0.0)).to_json()
+    summary = summarise(failed, (1e8, 0.0, 0.0)).to_dict()
     assert summary["no_verdict"] == ["the calculation has not settled"]
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 

@@ -65,7 +65,7 @@ def section(report, identifier):
 
 @pytest.mark.whole
 def test_page_one_has_the_summary_s_numbers_in_engineering_units(whole, cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_dict()
     answer = of_kind(whole.blocks(), Table)[0]
     assert answer in whole.lead
     assert answer.head == ("Stiffness", "Inputs exact", "Of the prior")
@@ -218,7 +218,7 @@ def test_mode_shapes_are_those_of_a_clamped_beam(whole):
 @pytest.mark.usefixtures("plain_reports")
 def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     table = next(b for b in of_kind(whole.blocks(), Table) if b.caption.startswith("Natural frequencies"))
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_json()["natural_frequencies_hz"]
+    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_dict()["natural_frequencies_hz"]
     columns = dict(zip(table.head, zip(*table.rows, strict=True), strict=True))
     assert columns["Published (Hz)"] == ("120.0", "762.0", "2101.0")
     assert columns["MAP (Hz)"] == tuple(f"{f:.2f}" for f in summary["map"])
@@ -233,7 +233,7 @@ def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
 def test_the_report_holds_all_that_repeats_the_run(whole, cheap_posterior):
     settings = section(whole, "settings")
     mesh, rest = of_kind(settings.blocks, Paragraph)
-    summary = summarise(cheap_posterior, INITIAL).to_json()
+    summary = summarise(cheap_posterior, INITIAL).to_dict()
     assert mesh.text == summary["mesh"]["sentence"]
     assert "The case is in `case.toml`" in rest.text
     assert summary["data_sha256"] in rest.text

@@ -72,7 +72,7 @@ def test_the_first_guess_differs_from_the_map_by_the_joint_alone(fitted):
 
 
 def test_natural_frequencies_of_the_first_guess_are_those_of_the_structure_that_was_fitted(fitted):
-    frequencies = summarise(fitted, tuple(fitted.estimate.values)).to_json()["natural_frequencies_hz"]
+    frequencies = summarise(fitted, tuple(fitted.estimate.values)).to_dict()["natural_frequencies_hz"]
     assert frequencies["initial"] == pytest.approx(frequencies["map"], rel=1e-12)
     low, high = np.array(frequencies["interval95"]).T
     assert ((low < frequencies["map"]) & (frequencies["map"] < high)).all()

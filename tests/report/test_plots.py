@@ -67,9 +67,8 @@ def test_figures_of_several_axes_are_drawn_onto_as_many(cheap_posterior):
     norm, *each = jb.plot_iteration(history, axes=Canvas().subplots(1, 4))
     assert_array_equal(norm.lines[0].get_ydata(), history.residual_norm)
     assert [axes.get_title() for axes in each] == ["k11 (N/m)", "k12 (N)", "k22 (N·m/rad)"]
-    grid = jb.plot_corner(cheap_posterior, fig=(canvas := Canvas()))
-    assert grid.shape == (len(names), len(names))
-    assert len(canvas.axes) == 6  # those above the diagonal are gone
+    assert jb.plot_corner(cheap_posterior, fig=(canvas := Canvas())) is canvas
+    assert len(canvas.axes) == len(names) * (len(names) + 1) / 2  # those above the diagonal are gone
     assert pyplot.get_fignums() == []
 
 
@@ -78,7 +77,7 @@ def test_without_axes_a_figure_is_pyplots_own(cheap_posterior):
     try:
         assert jb.plot_intervals(cheap_posterior).figure.number in pyplot.get_fignums()
         assert len(jb.plot_profiles(cheap_posterior)) == 3
-        assert jb.plot_corner(cheap_posterior).shape == (3, 3)
+        assert len(jb.plot_corner(cheap_posterior).axes) == 6
         assert len(pyplot.get_fignums()) == 3
     finally:
         pyplot.close("all")

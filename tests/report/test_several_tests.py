@@ -82,7 +82,7 @@ def inputs_of(posterior):
 
 @pytest.mark.whole
 def test_the_summary_says_of_each_test_what_it_says_of_a_lone_test(overhangs):
-    summary = json.loads(json.dumps(summary_of(overhangs).to_json(), allow_nan=False))
+    summary = json.loads(json.dumps(summary_of(overhangs).to_dict(), allow_nan=False))
     assert list(summary["tests"]) == ["long", "short", "heard"]
     parts = overhangs.problem.parts
     for part, said in zip(parts, summary["tests"].values(), strict=True):
@@ -105,7 +105,7 @@ def test_the_summary_says_of_each_test_what_it_says_of_a_lone_test(overhangs):
 
 def test_a_lone_test_has_no_tests_in_its_summary():
     posterior = posterior_of(jb.case_from_text("alone", BASE))
-    assert posterior.summary().to_json()["tests"] == {}
+    assert posterior.summary().to_dict()["tests"] == {}
     assert set(posterior.tree.children) == {"posterior", "sample_stats", "prior", "observed_data"}
 
 
@@ -123,7 +123,7 @@ def test_a_posterior_of_tests_comes_back_from_its_file(overhangs, tmp_path):
             assert_array_equal(stored["values_real"] + 1j * stored["values_imag"], part.test.data.frf.values)
     assert_array_equal(loaded.theta, overhangs.theta)
     assert [one.name for one in loaded.case.tests] == ["long", "short", "heard"]
-    assert loaded.summary().to_json()["tests"] == summary_of(overhangs).to_json()["tests"]
+    assert loaded.summary().to_dict()["tests"] == summary_of(overhangs).to_dict()["tests"]
 
 
 def test_tests_with_measurement_files_are_kept_with_their_data(tmp_path):

@@ -97,7 +97,7 @@ def test_what_was_tested_stands_in_one_line_above_the_answer_on_the_terminal_and
     assert words == "Specimen: Clamp **12**; Date of test: 2026-11-25; Operator: A. Miller; Instruments: hammer 086C03."
     assert "**" not in "".join(run.text for run in parse(first.text) if run.bold)
     summary = posterior.summary()
-    assert summary.to_json()["about"] == {"title": "Clamp", **ABOUT}
+    assert summary.to_dict()["about"] == {"title": "Clamp", **ABOUT}
     assert "Operator: A. Miller" in str(summary)
     bare = lead(ReportInputs(of_case(cheap_posterior)))
     assert not any(isinstance(block, Paragraph) and "Specimen" in block.text for block in bare)

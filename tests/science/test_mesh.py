@@ -86,7 +86,7 @@ def test_the_shift_by_the_papers_mesh_is_stated():
 def test_a_mesh_that_moves_a_stiffness_leaves_no_verdict():
     case = jb.case_from_text("coarse", COARSE)
     posterior = jb.sample(case, settings=jb.SamplerSettings(walkers=16, max_steps=200))
-    summary = summarise(posterior, (1e8, 0.0, 0.0)).to_json()
+    summary = summarise(posterior, (1e8, 0.0, 0.0)).to_dict()
     assert not summary["mesh"]["within_bound"]
     for name, p in summary["parameters"].items():
         assert p["verdict"] == "no verdict", name

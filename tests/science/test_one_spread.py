@@ -31,7 +31,7 @@ def written(request):
     case = jb.load_case(CONFIGS / f"{request.param}.toml")
     posterior = jb.sample(case, seed=1, settings=TO_CONVERGE)
     inputs = ReportInputs(posterior)
-    return posterior, build_report(inputs, datetime.date(2026, 1, 5)), inputs.summary.to_json()
+    return posterior, build_report(inputs, datetime.date(2026, 1, 5)), inputs.summary.to_dict()
 
 
 def values_of(quantity, posterior):

@@ -330,7 +330,7 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
     (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
     whole = jb.case_from_text("b", case.read()[0])
     alone = jb.sample(whole, seed=case_seed(1, "b"), settings=whole.sampler.for_one_of_many())
-    row, k22 = campaign.index.loc["b"], alone.summary().to_json()["parameters"]["k22"]
+    row, k22 = campaign.index.loc["b"], alone.summary().to_dict()["parameters"]["k22"]
     assert (row["k22.median"], row["k22.verdict"]) == (k22["median"], k22["verdict"])
     kept = campaign.posterior("b")
     assert np.array_equal(kept.theta, alone.theta)

@@ -110,7 +110,7 @@ def test_measured_frfs_are_weighed_by_the_modes_that_all_cases_have_a_place_for(
         problem = case.problem.with_test(data=data)
         cases.append(replace(case, problem=problem, stated=problem, tests=()))
     assert weigh._data_of(cases[0].problem) == weigh._data_of(cases[1].problem)
-    true, short = weigh._answered(cases, 1, lambda _: None).values()
+    true, short = weigh._answered([weigh.Compared.of(case) for case in cases], 1, lambda _: None).values()
     used = [{mode.resonance for mode in problem.premises.modes} for problem in (true, short)]
     assert used[0] == used[1] != set()
     np.testing.assert_array_equal(np.sort(true.test.data.values), np.sort(short.test.data.values))
@@ -198,16 +198,18 @@ def of(case, log_z, hypothesis="rotation", **changes):
 def test_the_verdict_answers_which_case_and_names_a_prior_that_decides():
     labels = {"short": "length 360 mm", "long": "length 383 mm"}
     found = jb.Comparison((of("long", -20.0), of("short", -10.0)), 1, "", labels=labels)
-    assert found.verdict == "Length 360 mm, not 383 mm: odds 22000 to 1, very strong evidence."
+    assert found.finding == "Length 360 mm, not 383 mm: odds 22000 to 1, very strong evidence."
     assert list(found.by_case) == ["short", "long"]
     assert found.decided
-    far = jb.Comparison((of("long", -40.0), of("short", -10.0)), 1, "").verdict
+    far = jb.Comparison((of("long", -40.0), of("short", -10.0)), 1, "").finding
     assert far == "Short, not long: odds 10¹³ to 1, very strong evidence."
     close = jb.Comparison((of("long", -10.5), of("short", -10.0)), 1, "", labels=labels)
-    assert close.verdict == "Cannot decide between length 360 mm and 383 mm: odds 1.6 to 1."
+    assert close.finding == "Cannot decide between length 360 mm and 383 mm: odds 1.6 to 1."
     assert not close.decided
-    assert repr(close) == f"Comparison of 2 joints: {close.verdict}"
-    alone = jb.Comparison((made_up(-10.0, at_edge=(weigh.PriorEdge("k22", "high", 0.4),)),), 1, "").verdict
+    with pytest.raises(AttributeError, match=r"Comparison has no attribute 'verdict': use \.finding"):
+        _ = close.verdict
+    assert repr(close) == f"Comparison of 2 joints: {close.finding}"
+    alone = jb.Comparison((made_up(-10.0, at_edge=(weigh.PriorEdge("k22", "high", 0.4),)),), 1, "").finding
     assert alone.startswith("Nothing was compared: springs in rotation only is the only joint.")
     assert "Draws pile up at an edge of the prior of k22: " in alone
 
@@ -282,6 +284,16 @@ def test_cases_of_other_data_are_refused_by_name(cases):
 # ---- prior edges
 
 
+def test_problems_and_posteriors_are_compared_as_their_case_is(cases, comparison):
+    posterior = jb.sample(cases[1], seed=3, settings=jb.SamplerSettings(max_steps=200))
+    for given in (posterior, replace(cases[1].problem, name="short")):
+        (springs,) = [c for c in jb.compare([given], seed=3).candidates if c.hypothesis == "springs"]
+        (expected,) = [c for c in comparison.candidates if (c.case, c.hypothesis) == ("short", "springs")]
+        assert (springs.case, springs.names) == ("short", expected.names)
+        assert springs.evidence.log_z == pytest.approx(expected.evidence.log_z, abs=0.1)
+    refused(lambda: jb.compare([3]), jb.ModelError, "found 3; expected a case, a problem, a posterior or the path")
+
+
 def test_a_posterior_that_piles_up_on_an_edge_of_its_prior_is_marked():
     # at 383 mm the springs want to be rigid: k11 has no upper end but the prior's
     changes = ("length_mm = 360.0", "length_mm = 383.0"), ("high = 1.0e11", "high = 3.0e9")
@@ -321,7 +333,7 @@ def test_the_table_has_the_best_first_and_aligned_columns(comparison):
 
 def test_a_report_states_the_verdict_first_and_what_is_not_to_be_trusted(comparison):
     report = weigh.build_comparison_report(comparison.summary())
-    assert comparison.verdict in report.lead[0].text
+    assert comparison.finding in report.lead[0].text
     assert report.lead[0].kind == "good"
     log_z = comparison.best.evidence.log_z
     near = dataclasses.replace(comparison.candidates[0], evidence=Evidence(log_z - 0.5, 0.1, "exact", 1))

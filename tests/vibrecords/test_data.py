@@ -33,6 +33,7 @@ REFUSED = {
     "no noise": lambda: RelativeNoise(0.0, 0.0),
     "NaN noise": lambda: RelativeNoise(np.nan, 0.1),
     "variance of another shape": lambda: FrfData(FRF, np.ones((2, 1))),
+    "real values": lambda: FrfData.of_arrays([100.0, 200.0], np.ones((2, 1, 1)), 0.1, ("1:y",), ("1:y",)),
     "zero variance": lambda: FrfData(FRF, np.array([1.0, 0.0]).reshape(2, 1, 1)),
     "negative variance": lambda: FrfData(FRF, np.array([1.0, -1.0]).reshape(2, 1, 1)),
     "NaN variance": lambda: FrfData(FRF, np.array([1.0, np.nan]).reshape(2, 1, 1)),

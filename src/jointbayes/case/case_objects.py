@@ -477,9 +477,11 @@ def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
                 table, body = test.spec.structure, family_of_recipe(test.recipe)
                 sides = [side for side in (joint.dofs, joint.against) if side and table.absent(side[0]) is None]
                 extent, priors = test.recipe.extent, test.spec.priors_of(name)
-                sizes = own_stiffnesses(sides, joint.quantities, body, test.data, softest=priors is None)
+                stated = {axis.name: getattr(priors, axis.name, None) for axis in joint.coordinates}
+                all_stated = None not in stated.values()
+                sizes = own_stiffnesses(sides, joint.quantities, body, test.data, softest=not all_stated)
                 of_joint = [
-                    getattr(priors, axis.name).marginal() if priors else default_marginal(axis, sizes, extent)
+                    default_marginal(axis, sizes, extent) if (prior := stated[axis.name]) is None else prior.marginal()
                     for axis in joint.coordinates
                 ]
                 marginals += of_joint
@@ -501,8 +503,8 @@ def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
         prefixed(spec.joint_of_test(test, name)[0], axis.name)
         for test, spec in specs.items()
         for name, joint in spec.stating_joints.items()
-        if spec.priors_of(name) is None
         for axis in joint.coordinates
+        if getattr(spec.priors_of(name), axis.name, None) is None
     )
 
 

@@ -46,14 +46,23 @@ class InputWarning:
         Where it stands: the case file, or one that it builds on.
     key
         Its key, with its tables.
-    text
-        What was found, what is expected, and the likely slip.
+    code
+        Kind of slip, by which programs know it.
+    found, advice
+        What was found; what is expected, and the likely slip.
     """
 
     file: str
     line: int
     key: str
-    text: str
+    code: str
+    found: str
+    advice: str
+
+    @property
+    def text(self) -> str:
+        """What was found, what is expected, and the likely slip."""
+        return f"{self.found}; {self.advice}"
 
     def __str__(self) -> str:
         return f"{self.key}: {self.text}"
@@ -121,10 +130,11 @@ class CaseText:
         """One line of a `CaseError` on a key: file, line, key as it is written, then found; expected; what to do."""
         return fault_line(*self.place(path), show_key(self.written(path)), _sentence(found, expected, remedy))
 
-    def warnings(self, findings: Iterable[Finding]) -> tuple[InputWarning, ...]:
-        """Findings as warnings, each at the file and line of its key."""
-        placed = ((self.place(f.loc), self.written(f.loc), _sentence(f.found, f.expected, f.remedy)) for f in findings)
-        return tuple(InputWarning(*place, ".".join(map(str, key)), text) for place, key, text in placed)
+    def warnings(self, code: str, findings: Iterable[Finding]) -> tuple[InputWarning, ...]:
+        """Findings of one kind as warnings, each at the file and line of its key."""
+        placed = ((self.place(f.loc), ".".join(map(str, self.written(f.loc))), f) for f in findings)
+        advised = ((*at, key, code, f.found, _sentence("", f.expected, f.remedy)) for at, key, f in placed)
+        return tuple(InputWarning(*each) for each in advised)
 
 
 def _sentence(found: str, expected: str, remedy: str) -> str:

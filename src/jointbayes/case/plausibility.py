@@ -62,16 +62,16 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
         Lowest and highest measured frequency, Hz; None where they are not known yet.
     """
     structure = spec.structure
-    findings = [*_materials(structure)]
+    warnings = text.warnings("material", _materials(structure))
     if isinstance(structure, BeamSpec):
-        findings += _shape(structure)
-        if not findings and band_hz is not None:  # with findings the frequencies are off because of these
-            findings = [*_band(spec, structure, band_hz)]
+        warnings += text.warnings("shape", _shape(structure))
+        if not warnings and band_hz is not None:  # with warnings the frequencies are off because of these
+            warnings = text.warnings("band", _band(spec, structure, band_hz))
     top = getattr(spec.data, "f_max_hz", None)
     if spec.files is not None and top and band_hz is not None and top > 1.05 * band_hz[1]:
         expected, remedy = f"at most {band_hz[1]:g}, where the lines of the file end", "lower it, or measure further"
-        findings.append(Finding(("data", "f_max_hz"), f"found {top:g}", expected, remedy))
-    return text.warnings([*findings, *_fractions(text.data)])
+        warnings += text.warnings("end_of_file", [Finding(("data", "f_max_hz"), f"found {top:g}", expected, remedy)])
+    return (*warnings, *text.warnings("per_cent", _fractions(text.data)))
 
 
 def _fractions(data: Mapping[str, object]) -> Iterator[Finding]:
@@ -219,14 +219,14 @@ def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[I
 
     Of a test the prior is that of its own joints alone.
     """
-    return text.warnings(_excluded(spec, prior, text.test))
+    return text.warnings("truth", _excluded(spec, prior, text.test))
 
 
 def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
     """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
     doubts = provenance.sign_doubts if provenance else ()
     findings = (Finding(("data", "file"), f"found that at {w.where} {w.sentence}", "", w.remedy) for w in doubts)
-    return text.warnings(findings)
+    return text.warnings("sign", findings)
 
 
 def level_warnings(log_ratio: float, gain: bool, text: CaseText) -> tuple[InputWarning, ...]:
@@ -237,7 +237,7 @@ def level_warnings(log_ratio: float, gain: bool, text: CaseText) -> tuple[InputW
     fault += ", which the uncertain gain would take up without a word" * gain
     remedy = "state the unit of the channels: mm for m and N for kN are a factor of 1000, g for m/s² is 9.81; "
     remedy += "or correct the quantity"
-    return text.warnings([Finding(("data", "file"), fault, "the level of this structure", remedy)])
+    return text.warnings("level", [Finding(("data", "file"), fault, "the level of this structure", remedy)])
 
 
 def numbering_warnings(
@@ -252,16 +252,17 @@ def numbering_warnings(
         if above is None:
             return ()
         oddity = f"found mode {above.number} at {above.measured_hz:.4g} Hz, more than 5 % above any joint's"
-        return text.warnings([Finding(loc, oddity, f"at most {above.rigid_hz:.4g} Hz", structure)])
+        return text.warnings("numbering", [Finding(loc, oddity, f"at most {above.rigid_hz:.4g} Hz", structure)])
     oddity = f"found natural frequencies that {doubt.words}"
     if doubt.rad_per_s:
-        return text.warnings([Finding(loc, oddity, "natural frequencies in Hz", "divide them by 2π if they are not")])
+        remedy = "divide them by 2π if they are not"
+        return text.warnings("numbering", [Finding(loc, oddity, "natural frequencies in Hz", remedy)])
     expected = "modes counted from the lowest one, those included in which the structure moves rigidly on a soft joint"
     remedy = f'if they are these, write kind = "modes" with numbers = [{", ".join(map(str, doubt.other))}]'
     if not doubt.better:
         remedy += "; look below and between them for modes that were missed, or add a second sensor"
     remedy += f"; otherwise {structure}" if structure else ""
-    return text.warnings([Finding(loc, oddity, expected, remedy)])
+    return text.warnings("numbering", [Finding(loc, oddity, expected, remedy)])
 
 
 def _excluded(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]:

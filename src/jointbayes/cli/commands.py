@@ -29,7 +29,7 @@ from jointbayes.cli.output import (
     say,
     warn,
 )
-from jointbayes.errors import WENT, JointBayesError, ReportInterruptedError, TerminatedError
+from jointbayes.errors import WENT, JointBayesError, ReportError, ReportInterruptedError, TerminatedError
 from vibrecords.errors import printable
 
 
@@ -47,7 +47,7 @@ def _well_behaved(*, json: bool) -> Iterator[None]:
         let_go(sys.stdout)
         sys.exit(common.OUTPUT_CLOSED)
     except OSError as error:  # standard output is full
-        fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
+        fail(f"{_place_of(error)}{error.strerror or error}")
         sys.exit(common.BAD_INPUT)
     except click.ClickException as error:
         if isinstance(error, click.NoSuchOption) and error.option_name in WENT:
@@ -150,21 +150,21 @@ class _Commands(click.Group):
         except JointBayesError as error:
             if os.environ.get("JOINTBAYES_DEBUG"):
                 traceback.print_exc()
-            fail(f"jointbayes: {error}")
+            fail(str(error), whole=isinstance(error, ReportError))
         except ReportInterruptedError as error:
-            fail(f"jointbayes: {error}")
+            fail(str(error), whole=True)
             sys.exit(common.TERMINATED if isinstance(error.__cause__, TerminatedError) else common.INTERRUPTED)
         except KeyboardInterrupt as error:
             how = manner()
-            fail(f"jointbayes: interrupted; {f'{how.written} is whole' if how.written else how.unfinished}")
+            fail(f"interrupted; {f'{how.written} is whole' if how.written else how.unfinished}")
             sys.exit(common.TERMINATED if isinstance(error, TerminatedError) else common.INTERRUPTED)
         except MemoryError:
             remedy = "lower sampling.walkers or sampling.ensembles, or use fewer lines"
-            fail(f"jointbayes: found too little memory; expected room for all walkers; {remedy}")
+            fail(f"found too little memory; expected room for all walkers; {remedy}")
         except OSError as error:
             if isinstance(error, BrokenPipeError) and is_closed(sys.stdout):
                 raise
-            fail(f"jointbayes: {_place_of(error)}{error.strerror or error}")
+            fail(f"{_place_of(error)}{error.strerror or error}")
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except Exception as error:  # Python's own exit code would be 1, which is an answer
@@ -176,7 +176,7 @@ class _Commands(click.Group):
             place = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}"
             found = " ".join(f"{type(error).__name__} in {place}: {error}".split())
             remedy = "please report it, with the case and what JOINTBAYES_DEBUG=1 prints"
-            fail(f"jointbayes: a bug in jointbayes: found {found}; expected a result or a refusal; {remedy}")
+            fail(f"a bug in jointbayes: found {found}; expected a result or a refusal; {remedy}")
             sys.exit(common.FAULT_OF_THE_PROGRAM)
         else:
             return
@@ -208,7 +208,7 @@ def main(context: click.Context) -> None:
         say("First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example).")
         say("Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
     # What a library warns of is one line like our own warnings, without the place in its source.
-    warnings.showwarning = lambda message, *_args, **_options: warn(str(message))
+    warnings.showwarning = lambda message, kind, *_args, **_options: warn(str(message), code=kind.__name__)
     # Matplotlib says in three lines that the home directory cannot be written, which costs nothing here.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     # Small linear algebra takes up to ten times as long on several threads, and has another last bit: not the user's

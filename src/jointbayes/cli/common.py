@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,7 +65,6 @@ def load(config: Path) -> "Case":
     from jointbayes.case.parse import parse_tests
     from jointbayes.case.plausibility import input_warnings
     from jointbayes.case.spec.whole import BEFORE_OBJECTS
-    from jointbayes.case.toml_text import fault_line
 
     # what is wrong with the file itself is said before anything heavy is loaded
     show_stage(Progress("reading the case", str(config)), on_terminal_only=True)
@@ -81,7 +81,7 @@ def load(config: Path) -> "Case":
 
     def tell(warnings: "Iterable[InputWarning]") -> None:
         for warning in warnings:
-            warn(fault_line(warning.file, warning.line, warning.key, warning.text))
+            warn(**asdict(warning))
 
     tell(early)
     from jointbayes.case.case import load_case

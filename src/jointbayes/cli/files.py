@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -166,11 +166,11 @@ def validate(cases: tuple[Path, ...]) -> None:
         try:
             case = common.load(path)
         except CaseError as error:
-            fail(f"jointbayes: {error}", show_source=True)
+            fail(str(error), show_source=True)
             entries.append({"file": str(path), "valid": False})
             continue
         for doubt in (d for test in case.problem.tests for d in getattr(test.data.provenance, "warnings", ())):
-            warn(f"{doubt.where}: {doubt.sentence}; {doubt.remedy}")
+            warn(f"{doubt.where}: {doubt.sentence}", doubt.remedy, code=doubt.key)
         warnings = told["warnings"][at:]
         entries.append({"file": str(path), "valid": True, "warnings": warnings, "understood": _understood(case)})
         say(f"{path}: valid, {f'warnings: {len(warnings)}' if warnings else 'no warnings'}; {case.title}")
@@ -189,11 +189,17 @@ def _understood(case: "Case") -> list[str]:
 
     rows = [line for line in (specimen_line(case.about),) if line]
     for test in case.problem.tests:
-        told = re.sub(r"\b[A-Z]\w+\(|\)", "", str(test))  # without names of classes
-        told = re.sub(r"(?<=[a-z])[A-Z](?=[a-z])", lambda found: f" {found[0].lower()}", told)
-        told = told.replace(f"joint: {test.joints}", "\n".join(f"joint: {joint}" for joint in test.joints.joints))
-        model = list(_model_rows(test))
-        rows += [*(_in_words(line, model) for line in told.split("\n")), *model]
+        materials = _materials(test)
+        rows += [f"test: {test.name}"] if test.name else []
+        rows.append(f"structure: {_structure_in_words(test, materials)}")
+        rows += [f"joint: {joint}" for joint in test.joints.joints] or [f"joint: {test.joints}"]
+        rows.append(f"data: {test.data.in_full}")
+        rows.append(f"noise: {'Gaussian' if test.noise is None else _kind_in_words(test.noise)}")
+        if getattr(getattr(test.structures, "recipe", None), "kind", "") != "beam":
+            for words, of in materials.items():
+                which = f" of {', '.join(dict.fromkeys(of))}" if len(materials) > 1 else ""
+                rows.append(f"material and section{which}: {words}")
+        rows += _places(test)
     prior = case.problem.prior
     theta = prior.sample(np.random.default_rng(0), 20_000)  # as the report: what no joint can be is cut off
     values = np.column_stack([prior.values(theta), prior.nuisance_values(theta)])
@@ -205,31 +211,52 @@ def _understood(case: "Case") -> list[str]:
     return rows
 
 
-def _in_words(line: str, model: list[str]) -> str:
-    """A line; of the structure its damping, what is uncertain and, of a lone beam, material and section in words."""
-    line = re.sub(r"[A-Z](?=[a-z]+ [a-z]+, uncertain: )", lambda found: found[0].lower(), line)
-    what, _, names = line.replace(", uncertain: nothing", "").partition(", uncertain: ")
-    names = re.sub(r"damping_ratio_(\d+), (?:\w+, )*damping_ratio_(\d+)", r"damping of modes \1 to \2", names)
-    what = re.sub(r"(?<=ure: )[\d.e+]+ mm(?=, )", lambda it: f"beam {it[0]}, {model.pop(0).partition(': ')[2]}", what)
-    return what + (f"; uncertain: {names}".replace("youngs", "Young's").replace("_", " ") if names else "")
+def _kind_in_words(thing: object) -> str:
+    """Name of a class in words: ``"modal damping"``."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(thing).__name__).capitalize()
 
 
-def _model_rows(test: "Test") -> Iterator[str]:
-    """Material and section of each body as understood, and where the DOFs are at which something acts or is seen."""
+def _structure_in_words(test: "Test", materials: Mapping[str, object]) -> str:
+    """What the structure is, its damping, its measured bodies and what is uncertain."""
+    from jointbayes.phrases import listed
+    from jointbayes.structure.recipe import is_damping_ratio
+
+    body, recipe = test.structures, getattr(test.structures, "recipe", None)
+    parts = [f"{body.n_dofs} DOFs" if recipe is None else recipe.what]
+    parts = [f"beam {parts[0]}", *materials] if getattr(recipe, "kind", "") == "beam" else parts
+    parts.append(_kind_in_words((recipe or body).damping).lower())
+    for measured in test.measured_bodies:
+        f = measured.frequency_hz
+        parts.append(f"{measured.name}: {', '.join(measured.dofs)}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz")
+    ratios = [name for name in body.names if is_damping_ratio(name)]
+    names = [name for name in body.names if name not in ratios[1:]]
+    if len(ratios) > 1:
+        first, last = (ratio.rpartition("_")[2] for ratio in (ratios[0], ratios[-1]))
+        names[names.index(ratios[0])] = f"damping of modes {first} to {last}"
+    return ", ".join(parts) + (f"; uncertain: {listed(names)}" if names else "")
+
+
+def _materials(test: "Test") -> dict[str, list[str]]:
+    """Names of the bodies, or ends of the members, of each material and section in words."""
     from jointbayes.structure.frame_recipe import MemberRecipe
 
     recipe, alike = getattr(test.structures, "recipe", None), dict[str, list[str]]()
-    members = recipe if isinstance(recipe, MemberRecipe) else None  # which need no mesh to tell
-    for name, body in members.bodies if members else ():
+    for name, body in recipe.bodies if isinstance(recipe, MemberRecipe) else ():
         for member in body.members:
             made, section = member.material, member.section
             sizes = [f"{1e3 * size:g}" for size in section.dimensions if size]
             shape = "circle" if section.shape == "tube" and len(sizes) == 1 else section.shape
             words = f"{shape} {' × '.join(sizes)} mm, E {made.youngs_modulus / 1e9:g} GPa, {made.density:g} kg/m³"
             alike.setdefault(words, []).append(name or f"{member.points[0]} to {member.points[-1]}")
-    for words, of in alike.items():
-        which = f" of {', '.join(dict.fromkeys(of))}" if len(alike) > 1 else ""
-        yield f"material and section{which}: {words}"
+    return alike
+
+
+def _places(test: "Test") -> Iterator[str]:
+    """Where the DOFs are at which something acts or is seen."""
+    from jointbayes.structure.frame_recipe import MemberRecipe
+
+    recipe = getattr(test.structures, "recipe", None)
+    members = recipe if isinstance(recipe, MemberRecipe) else None  # which need no mesh to tell
     at: dict[str, list[str]] = {}
     for label in dict.fromkeys((*test.joints.labels, *test.data.dofs)):
         place = members.positions.get(label.rpartition(":")[0]) if members else test.structures.position(label)

@@ -21,7 +21,7 @@ _SHOWN_BYTES = 1e7  # no line of a larger file is shown
 #: A name, a path from here, and one from the root that no system takes.
 _LONG_NAME = re.compile(r"[^\s/]{200,}|(?<!\S)[^\s/]\S{300,}|\S{1000,}")
 _VALUE = r"\s*=\s*(?:\[[^\]]*\]?|\{[^}]*\}?|\"[^\"]*\"?|[^,}#\s]*)"
-_FAULT = re.compile(r"(?:jointbayes: )?(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
+_FAULT = re.compile(r"(?P<file>.+?):(?P<line>\d+): (?P<key>\S.*?): (?P<message>.*)")
 
 
 @dataclass
@@ -66,21 +66,16 @@ open_option = manner_option("--open", "Open the report in the browser.")
 
 
 def shortened(text: str) -> str:
-    """Return a message in which of each endless name only both ends stay; no other part is cut.
-
-    A message on how to go on, which says where hours of work are kept, stays whole.
-    """
-    if "go on with: " in text:
-        return text
+    """Return a message in which of each endless name only both ends stay; no other part is cut."""
     return _LONG_NAME.sub(lambda name: f"{name[0][:40]}…{name[0][-30:]}", text)
 
 
-def say(line: str, *, err: bool = False) -> None:
+def say(line: str, *, err: bool = False, whole: bool = False) -> None:
     """Print a line on standard output, or on standard error.
 
-    Characters that do not print are escaped, and endless names are shortened. A closed standard error, as in
-    ``2>&1 | head -1``, is no reason to lose a run: what follows for it is dropped. Where the command prints JSON, what
-    is for standard output becomes a part of that.
+    Characters that do not print are escaped, and endless names are shortened unless the line is to stay `whole`. A
+    closed standard error, as in ``2>&1 | head -1``, is no reason to lose a run: what follows for it is dropped. Where
+    the command prints JSON, what is for standard output becomes a part of that.
 
     Raises
     ------
@@ -92,7 +87,7 @@ def say(line: str, *, err: bool = False) -> None:
         how.told["messages"].append(line)
         return
     show_status("")
-    _write(shortened(printable(line)), err=err)
+    _write(printable(line) if whole else shortened(printable(line)), err=err)
 
 
 def _write(text: str, *, err: bool, nl: bool = True) -> None:
@@ -119,21 +114,40 @@ def show_status(text: str) -> None:
         _shown = len(text)
 
 
-def warn(text: str) -> None:
-    """Print a warning on standard error, in two lines where it is long, and keep it for JSON."""
-    manner().told["warnings"].append(located(text))
-    whole = f"jointbayes: warning: {text}"
-    head, _, rest = (whole, "", "") if len(whole) <= LONGEST else whole.partition("; ")
-    say(head, err=True)
-    if rest:
-        say(f"    {rest}", err=True)
+def warn(found: str, advice: str = "", *, code: str, file: str = "", line: int = 0, key: str = "") -> None:
+    """Print a warning on standard error, in two lines where it is long, and keep it for JSON.
+
+    Parameters
+    ----------
+    found
+        What was found.
+    advice
+        What is expected and what to do.
+    code
+        Kind of the warning, by which programs know it.
+    file, line, key
+        Where it was found, if that is one place of a file.
+    """
+    message = "; ".join(filter(None, (found, advice)))
+    place = {"file": file, "line": line, "key": key} if file else {}
+    manner().told["warnings"].append({"code": code, **place, "message": message})
+    where = f"jointbayes: warning: {f'{file}:{line}: {key}: ' if file else ''}"
+    if len(where) + len(message) <= LONGEST:
+        say(f"{where}{message}", err=True)
+        return
+    say(f"{where}{found}", err=True)
+    if advice:
+        say(f"    {advice}", err=True)
 
 
-def fail(faults: str, *, show_source: bool = False) -> None:
-    """Print what ended a command, a line for each fault; on a terminal, or if told so, with the line of the file."""
-    for fault in faults.split("\n"):
-        manner().told["errors"].append(located(fault.removeprefix("jointbayes: ")))
-        say(fault, err=True)
+def fail(faults: str, *, show_source: bool = False, whole: bool = False) -> None:
+    """Print what ended a command, a line for each fault; on a terminal, or if told so, with the line of the file.
+
+    Names are shortened unless the message is to stay `whole`, as one that says where hours of work are kept.
+    """
+    for number, fault in enumerate(faults.split("\n")):
+        manner().told["errors"].append(located(fault))
+        say(f"{'' if number else 'jointbayes: '}{fault}", err=True, whole=whole)
         for line in source_lines(fault) if show_source or sys.stderr.isatty() else ():
             say(line, err=True)
 

@@ -54,7 +54,7 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
             say(line)
     for line in sentences_of_left_out(inputs.summary.left_out):
         say(line)
-    manner().result |= inputs.summary.to_json()
+    manner().result |= inputs.summary.to_dict()
     report_written(target)
     say_stages()
     common.exit_by_convergence(posterior)
@@ -139,7 +139,7 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
     manner().written = target
     common.print_summary(posterior)
     if manner().json:
-        manner().result |= {**posterior.summary().to_json(), "draws": str(target)}
+        manner().result |= {**posterior.summary().to_dict(), "draws": str(target)}
     say(f"Draws: {target}")
     common.exit_by_convergence(posterior)
 
@@ -172,7 +172,7 @@ def report(posterior: Path, out: Path | None) -> None:
     inputs = ReportInputs(loaded)
     with draws_explained(posterior, target):
         manner().written = write_run(loaded, target, show_stage, inputs)
-    manner().result |= inputs.summary.to_json()
+    manner().result |= inputs.summary.to_dict()
     report_written(target)
     common.exit_by_convergence(loaded)
 

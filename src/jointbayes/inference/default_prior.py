@@ -10,7 +10,7 @@ import numpy as np
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure
 from jointbayes.frf.measured_body import substructures
-from jointbayes.inference.marginals import Marginal, Uniform
+from jointbayes.inference.marginals import Marginal, Uniform, marginal_of
 from jointbayes.inference.prior import JointPrior
 from jointbayes.joint import (
     COUPLED,
@@ -21,7 +21,7 @@ from jointbayes.joint import (
     blocks_of,
     parametrisation_named,
 )
-from jointbayes.joint.quantities import is_rotation, is_rotation_unit
+from jointbayes.joint.quantities import is_rotation, is_rotation_unit, prefixed
 from jointbayes.structure import Body
 from vibrecords import Data
 from vibrecords.peaks import resonances_hz
@@ -90,10 +90,13 @@ def default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length
     return Uniform(*axis.bounds) if axis.bounded else Uniform(-length, length)
 
 
-def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> JointPrior:
-    """That of a case file which states none, for the joints of tests in Python, each its structure, joints and data.
+def default_prior(
+    tests: Sequence[tuple[AnyStructure, AnyJoint, Data]], stated: Mapping[str, object] | None = None
+) -> JointPrior:
+    """Return the prior of a case file that states none, or only some, for the joints of tests in Python.
 
-    Of several joints of one name the first decides.
+    Each test is its structure, joints and data. Of several joints of one name the first decides. `stated` has marginals
+    by the names of their coordinates, as ``"k22"``, or ``"left.k22"`` of a joint with a name.
 
     A joint of one translation and one rotation is `LogStiffness`, any other a spring for each of its DOFs. The range is
     relative to the structure's own stiffness: of matrices that of a static deformation, of beams EI/L³ and EI/L.
@@ -101,8 +104,9 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
     Raises
     ------
     ModelError
-        If a joint holds nothing but measured bodies, of whose stiffness nobody knows.
+        If a joint without a prior holds only measured bodies, or a stated prior is of no coordinate.
     """
+    stated = stated or {}
     kinds: dict[str, Parametrisation | str] = {}
     marginals: list[Marginal] = []
     for structure, joints, data in tests:
@@ -114,12 +118,19 @@ def default_prior(tests: Sequence[tuple[AnyStructure, AnyJoint, Data]]) -> Joint
             pair = list(map(is_rotation, directions)) == [False, True]
             kind = parametrisation_named("log" if pair else "springs", directions)
             sides = [side for side in (joint.dofs, joint.against) if side and side[0] in body.labels]
-            if not sides:
+            names = [prefixed(joint.name, axis.name) for axis in kind.axes]
+            if not sides and not stated.keys() >= set(names):
                 found = f"found no prior of joint {joint.name or joint.dofs[0]!r} between measured bodies"
                 expected = "one, since no modelled structure says how stiff it may be"
                 raise ModelError.of("problem", (), found, expected, "pass prior=jb.JointPrior(…)")
             sizes = own_stiffnesses(sides, kind.quantities, body, data)
             extent = getattr(getattr(body, "recipe", None), "extent", 1.0)
-            marginals += [default_marginal(axis, sizes, extent) for axis in kind.axes]
+            for name, axis in zip(names, kind.axes, strict=True):
+                known = marginal_of(stated[name]) if name in stated else None
+                marginals.append(known or default_marginal(axis, sizes, extent))
             kinds[joint.name] = kind
-    return JointPrior(blocks_of(kinds), tuple(marginals))
+    blocks = blocks_of(kinds)
+    if odd := [name for name in stated if name not in blocks.names]:
+        expected = f"priors of {', '.join(blocks.names)}"
+        raise ModelError.of("problem", (), f"found a prior of {odd[0]!r}", expected, "correct the name")
+    return JointPrior(blocks, tuple(marginals))

@@ -103,8 +103,8 @@ class Problem:
         What was tested and measured. Quantities of the prior whose names begin with that of a test are its own.
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
-        `jointbayes.joint.blocks_of`. By default that of a case file which states none, see
-        `jointbayes.inference.default_prior.default_prior`.
+        `jointbayes.joint.blocks_of`. Or marginals by the names of some coordinates, ``{"k22": …}``; all others then
+        have the prior of a case file that states none, see `jointbayes.inference.default_prior.default_prior`.
     initial
         First guess of the joint's quantities, shape (q,), N/m, N, N·m/rad; by default the middle of the prior. It may
         be no point of the prior (k12 = 0): `initial_theta` is in the coordinates of `log_posterior`.
@@ -152,7 +152,7 @@ class Problem:
     def __init__(
         self,
         tests: Iterable[Test] = (),
-        prior: JointPrior | None = None,
+        prior: JointPrior | Mapping[str, object] | None = None,
         initial: ArrayLike | None = None,
         extra_log_likelihood: ExtraLogLikelihood | None = None,
         name: str = "problem",
@@ -189,9 +189,10 @@ class Problem:
             listed = ", ".join(map(repr, names))
             raise ModelError.of("problem", (), f"found tests named {listed}", "a name for each", "rename them")
         require_own_bodies(tests)
-        if prior is None:
-            prior = default_prior([(test.structure, test.joints, test.data) for test in tests])
-        require(prior, JointPrior, "problem: found as prior", "jb.JointPrior(parametrisation, marginals); make one")
+        if prior is None or isinstance(prior, Mapping):
+            prior = default_prior([(test.structure, test.joints, test.data) for test in tests], prior)
+        some = 'jb.JointPrior(parametrisation, marginals), or some marginals by name, {"k22": …}; make one'
+        require(prior, JointPrior, "problem: found as prior", some)
         parametrisation = arranged(prior.parametrisation, tests)
         if parametrisation != prior.parametrisation:
             prior = replace(prior, parametrisation=parametrisation)

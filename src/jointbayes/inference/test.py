@@ -61,7 +61,8 @@ class Test:
         if missing:
             found, expected = f"found no {', '.join(missing)}", "structure, joints and data of a test"
             raise ModelError.of("problem", (), found, expected, "pass them, joints=() where nothing is joined")
-        require(self.structure, AnyStructure, "problem: found as structure", "a body, such as jb.beam(…); make one")
+        body = "a body, such as jb.BeamFamily(jb.BeamRecipe(…), {}); make one"
+        require(self.structure, AnyStructure, "problem: found as structure", body)
         require(self.data, Data, "problem: found as data", "data with their noise; of FRFs jb.FrfData(frf, variance)")
         expected = "a noise model of jointbayes.inference, or a subclass of NoiseModel with `parts`"
         require(

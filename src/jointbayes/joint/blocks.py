@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.joint.parametrisation import Parametrisation
+from jointbayes.joint.parametrisation import LOWER_COUPLINGS, Parametrisation
 from jointbayes.joint.quantities import Coordinate, Quantity
 from jointbayes.joint.side_by_side import SideBySide
 from vibrecords.arrays import Array, Indices
@@ -116,16 +116,13 @@ class Blocks(SideBySide):
                 row[np.concatenate(columns[here])] = np.concatenate(columns[taken])
         return columns_after
 
-    def _semidefinite(self, values: Array) -> str:
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
         at_fault = [
             block.name
             for block, (joint, _, k) in zip(self.blocks, self.parts, strict=True)
             if not joint.is_positive_semidefinite(values[k])
         ]
-        return (
-            f"a positive semidefinite matrix of {', '.join(at_fault)}; lower its couplings, or raise the stiffnesses "
-            "beside them"
-        )
+        return f"a positive semidefinite matrix of {', '.join(at_fault)}", LOWER_COUPLINGS
 
 
 def blocks_of(joints: Mapping[str, Parametrisation | str]) -> Parametrisation:

@@ -53,11 +53,11 @@ class CoupledPair(Parametrisation):
         bound = np.sqrt(np.maximum(k11, 0.0)) * np.sqrt(np.maximum(k22, 0.0)) * _ROUNDING
         return np.asarray((k11 >= 0) & (k22 >= 0) & (np.abs(k12) <= bound))
 
-    def _semidefinite(self, values: Array) -> str:
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
         k11, _, k22 = values.tolist()
         return (
-            f"a positive semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g}); "
-            f"lower |k12| to {math.sqrt(max(k11, 0)) * math.sqrt(max(k22, 0)):.6g} N or less, or raise k11 or k22"
+            f"a positive semidefinite matrix (k11 >= 0, k22 >= 0, k12² <= k11·k22 = {k11 * k22:g})",
+            f"lower |k12| to {math.sqrt(max(k11, 0)) * math.sqrt(max(k22, 0)):.6g} N or less, or raise k11 or k22",
         )
 
     def uncoupled(self, values: ArrayLike) -> Array:

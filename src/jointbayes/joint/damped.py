@@ -79,7 +79,7 @@ class Damped(SideBySide):
         """Rows of K^J that are rigid and no quantity."""
         return self.of.held
 
-    def _semidefinite(self, values: Array) -> str:
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
         at_fault = (
             one._semidefinite(values[k]) for one, _, k in self.parts if not one.is_positive_semidefinite(values[k])
         )
@@ -101,8 +101,8 @@ class _Damping(PlainSprings):
         """The same, shape (q,), above zero."""
         return np.maximum(np.asarray(values, dtype=float), np.finfo(float).tiny)
 
-    def _semidefinite(self, values: Array) -> str:
-        return "damping of 0 or more; correct what is below 0"
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
+        return "damping of 0 or more", "correct what is below 0"
 
     def compliance(self, theta: Array) -> Array:
         """φ, the damping itself, shape (n, d)."""

@@ -89,6 +89,7 @@ class CondensedCoordinates:
 #: is still a number.
 RIGID = 1e30
 _MOST = 1e150  # of a stiffness: its square stays finite
+LOWER_COUPLINGS = "lower its couplings, or raise the stiffnesses next to them"  # of a joint that gives off energy
 _ABSENT, _HELD = -1, -2  # entries of K^J that are no quantity
 
 
@@ -345,12 +346,11 @@ class Parametrisation(ABC):
             pairs = zip(self.quantities, k.tolist(), strict=True)
             listed = ", ".join(f"{quantity.name} = {value:g} {quantity.unit}" for quantity, value in pairs)
             coupling = next((quantity.name for quantity in self.quantities if quantity.may_be_negative), "")
-            expected, _, remedy = self._semidefinite(k).partition("; ")
-            raise ModelError.of("joint", (coupling,), f"found {listed}", expected, remedy)
+            raise ModelError.of("joint", (coupling,), f"found {listed}", *self._semidefinite(k))
 
-    def _semidefinite(self, values: Array) -> str:
-        """What is expected of a joint, shape (q,), that is not positive semidefinite."""
-        return "a positive semidefinite matrix; lower its couplings, or raise the stiffnesses beside them"
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
+        """What is expected of a joint, shape (q,), that is not positive semidefinite, and what to do."""
+        return "a positive semidefinite matrix", LOWER_COUPLINGS
 
 
 @dataclass(frozen=True, slots=True)

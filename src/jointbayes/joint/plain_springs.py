@@ -111,8 +111,8 @@ class PlainSprings(Parametrisation):
         coupling = np.array([quantity.may_be_negative for quantity in self.of], dtype=bool)
         return np.asarray((k[..., ~coupling] >= 0).all(axis=-1) & (k[..., coupling] == 0).all(axis=-1))
 
-    def _semidefinite(self, values: Array) -> str:
-        return "springs of 0 or more without coupling; correct the stiffness below 0, or choose coupled springs"
+    def _semidefinite(self, values: Array) -> tuple[str, str]:
+        return "springs of 0 or more without coupling", "correct the stiffness below 0, or choose coupled springs"
 
     def uncoupled(self, values: ArrayLike) -> Array:
         """The same joints, shape (..., q): nothing is coupled."""

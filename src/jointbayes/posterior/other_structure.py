@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointbayes.errors import ModelError, require, require_probability
-from jointbayes.frf import AssembledShapes, Ports, receptance_model, rigid_body_modes
+from jointbayes.frf import AnyStructure, AssembledShapes, Ports, receptance_model, rigid_body_modes
 from jointbayes.inference import ModelErrorNoise, Nuisance, Problem
 from jointbayes.inference.test import own_name
 from jointbayes.joint import AnyJoint, JointMatrix, joint_matrix_of
+from jointbayes.phrases import listed
 from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.prediction import FrfPrediction, frf_band, simulate_at
 from jointbayes.rounding import number
@@ -105,7 +106,7 @@ class OtherStructure:
 
 def predict_other(
     posterior: AnyPosterior,
-    recipe: StructureRecipe,
+    structure: StructureRecipe | AnyStructure | Problem | AnyPosterior,
     ports: Ports,
     joint: AnyJoint | None = None,
     *,
@@ -122,12 +123,13 @@ def predict_other(
     ----------
     posterior
         The posterior.
-    recipe
-        The other structure without its joint, such as `jb.beam(…)` or an imported model.
+    structure
+        The other structure without its joint: a recipe, such as `jb.BeamRecipe(…)`, or a body, such as `jb.Structure`.
+        Or a case, problem or posterior of it, whose joint and uncertain quantities are then the default.
     ports
         Lines, outputs and inputs that are wanted.
     joint
-        Where the joint acts there; None takes the DOFs of the test.
+        Where the joint acts there; None takes the DOFs of the test, or of the other problem.
     uncertain
         What is uncertain of the other structure. What the posterior knows by the same name is taken from there, unless
         it is in `own`. By itself material and damping are as uncertain as in the posterior, sizes as its prior says.
@@ -145,11 +147,19 @@ def predict_other(
     ModelError
         If a DOF does not exist, the joint is of another size, or a quantity is none of the structure.
     """
+    given = getattr(structure, "problem", structure)
+    if isinstance(given, Problem):
+        joint, names = given.test.joints if joint is None else joint, given.test.structures.names
+        uncertain = uncertain or [nuisance for nuisance in given.prior.nuisances if nuisance.name in names]
+        given = given.test.structures
+    other: Any = getattr(given, "recipe", given)
+    kinds = "jb.BeamRecipe(…) or another recipe, jb.Structure(…), a case, a problem or a posterior; make one"
+    require(other, StructureRecipe | AnyStructure, "prediction: found as structure", kinds)
     require(ports, Ports, "prediction: found as ports", "jb.Ports(frequency_hz, outputs, inputs); make it")
     require_probability(probability, "prediction")
     part, rng = posterior.problem.part(test), np.random.default_rng([posterior.record.seed, _SEED])
     theta = posterior.thinned(max_draws)
-    there, theta_there = _other_problem(part, recipe, joint, tuple(uncertain), own, theta, rng)
+    there, theta_there = _other_problem(part, other, joint, tuple(uncertain), own, theta, rng)
     top_hz = float(ports.frequency_hz.max())
     modal, count = _modes_below(there, theta_there, top_hz)
     errors = _model_errors(posterior.problem, part, there, theta, theta_there, modal[0], rng)
@@ -168,7 +178,7 @@ def predict_other(
 
 def _other_problem(
     part: Problem,
-    recipe: StructureRecipe,
+    recipe: StructureRecipe | AnyStructure,
     joint: AnyJoint | None,
     uncertain: tuple[Nuisance, ...],
     own: frozenset[str],
@@ -187,6 +197,9 @@ def _other_problem(
             stated[name] = replace(part.prior.nuisances[column], name=name)
     columns = []
     for name, nuisance in stated.items():
+        if not isinstance(recipe, StructureRecipe):
+            expected = "a recipe, whose quantities may be uncertain"
+            raise ModelError.of("prediction", ("uncertain",), f"found {name} of a body", expected, "pass its recipe")
         recipe.require_quantity(name)
         among = own_name(test.name, name, known)
         shared = among is not None and is_like and name not in own and name.rpartition(".")[2] not in _OWN
@@ -196,7 +209,7 @@ def _other_problem(
     ranges = {
         nuisance.name: _covering(nuisance.range, column) for nuisance, column in zip(nuisances, columns, strict=True)
     }
-    body = family_of_recipe(recipe, ranges)
+    body = family_of_recipe(recipe, ranges) if isinstance(recipe, StructureRecipe) else recipe
     joints = test.joints if joint is None else joint
     there = replace(test, structure=body, joints=joints, noise=None)
     if there.joints.size != test.joints.size:
@@ -208,8 +221,10 @@ def _other_problem(
     return problem, np.column_stack([theta[:, :first], *columns])
 
 
-def _has(recipe: StructureRecipe, name: str) -> bool:
-    """Whether a quantity is one of a structure with its damping law."""
+def _has(recipe: StructureRecipe | AnyStructure, name: str) -> bool:
+    """Whether a quantity is one of a structure with its damping law; a body without a recipe is exact."""
+    if not isinstance(recipe, StructureRecipe):
+        return False
     law = recipe.damping
     if is_damping(name):
         return isinstance(law, ModalDamping if is_damping_ratio(name) else LossFactor)
@@ -292,9 +307,9 @@ def _frfs(there: Problem, theta: Array, ports: Ports, errors: Array | None, freq
 
 
 def _premises(part: Problem, there: Problem, errors: Array | None) -> tuple[str, ...]:
-    """What the prediction takes for granted, beside the run's own premises."""
-    words = [n.replace("youngs_modulus", "Young's modulus").replace("_", " ") for n in there.test.structures.names]
-    held = f"Uncertain besides the joint: {', '.join(words)}." if words else "The new structure is taken as exact."
+    """What the prediction takes for granted, in addition to the run's own premises."""
+    names = listed(there.test.structures.names)
+    held = f"Uncertain in addition to the joint: {names}." if names else "The new structure is taken as exact."
     sentences = [f"The joint is that of {part.test.name or part.name}: {part.test.joints}.", held]
     if errors is not None:
         sd = 100 * float(np.median(errors.std(axis=0)))

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from jointbayes.errors import ModelError, require_count, require_probability
-from jointbayes.frf import Ports
+from jointbayes.frf import AnyStructure, Ports
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.joint import AnyJoint
@@ -379,7 +379,7 @@ class Posterior:
 
     def predict(
         self,
-        structure: StructureRecipe,
+        structure: "StructureRecipe | AnyStructure | Problem | Posterior",
         ports: Ports,
         joint: AnyJoint | None = None,
         **settings: Any,  # noqa: ANN401 (of `predict_other`)
@@ -389,7 +389,8 @@ class Posterior:
         Parameters
         ----------
         structure
-            The other structure without its joint: another overhang, another tool, an imported machine.
+            The other structure without its joint: a recipe, a body such as `jb.Structure`, or a case, problem or
+            posterior of it.
         ports
             Lines, outputs and inputs that are wanted.
         joint
@@ -601,7 +602,7 @@ class Posterior:
         more = any(test.data.modes is None or test.data.shows_shapes for test in self.problem.tests)
         if not self.problem.premises.reason or not inputs or more:
             return ()
-        what = listed(inputs).replace(" and ", " or ")
+        what = listed(inputs, "or")
         return (f"Natural frequencies alone hardly show that {what} is further off than assumed: measure it.",)
 
     @cached_property
@@ -636,7 +637,7 @@ class Posterior:
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:
-        """The numbers of the run: `print` shows a table, ``to_json`` gives what ``summary.json`` holds.
+        """The numbers of the run: `print` shows a table, ``to_dict`` gives what ``summary.json`` holds.
 
         Parameters
         ----------
@@ -713,7 +714,7 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         steps = next_steps(posterior, freed if workshop else None, workshop or judged)
     if directions is None:
         draws, parametrisation = (posterior.stiffness, posterior.prior_stiffness), posterior.problem.parametrisation
-        directions = name_directions(*draws, judged, parametrisation)
+        directions = name_directions(*draws, judged, parametrisation, posterior.rule)
     return Knowledge(
         check=posterior.check,
         directions=directions,

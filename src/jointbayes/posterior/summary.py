@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jointbayes.errors import went
 from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Premises, Problem
 from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
@@ -128,7 +129,7 @@ class MapSummary:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """The numbers of a run; `str` makes a table of them, `to_json` what ``summary.json`` holds.
+    """The numbers of a run; `str` makes a table of them, `to_dict` what ``summary.json`` holds.
 
     Parameters
     ----------
@@ -222,15 +223,12 @@ class Summary:
             *(f"Warning: {warning}" for warning in self.warnings),
         ]
         data = [f"{fit.n_data} values{synthetic}; χ² per value {number(fit.chi2_per_line)}"]
-        data += [part[4:] for text in said for part in in_lines(text, 4)]
+        data += [line for text in said for line in in_lines(text, 0, inside=4)]
         shown = sorted(self.correlations.items(), key=lambda pair: -abs(pair[1]))
         moves = [f"C({', '.join(names)}) = {signed(value)}" for names, value in shown[:_MOST_CORRELATIONS]]
         moves += [f"and {len(shown) - _MOST_CORRELATIONS} more"] if len(shown) > _MOST_CORRELATIONS else []
-        state = [
-            part[4:]
-            for text in (specimen_line(self.about), f"{record.state} Seed {record.seed}.")
-            for part in in_lines(text, 4)
-        ]
+        told = (specimen_line(self.about), f"{record.state} Seed {record.seed}.")
+        state = [line for text in told for line in in_lines(text, 0, inside=4)]
         sections = [
             (f"Posterior of {record.case_name!r}", state),
             ("Joint: median (95 % interval), verdict", joint),
@@ -254,9 +252,12 @@ class Summary:
 
     def to_dataframe(self) -> Any:  # noqa: ANN401 (a pandas.DataFrame, loaded late)
         """A pandas.DataFrame with a row for each stiffness and each other uncertain quantity, in its unit."""
-        return quantity_frame(self.to_json())
+        return quantity_frame(self.to_dict())
 
-    def to_json(self) -> dict[str, Any]:
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 (of names that went)
+        raise went(self, name)
+
+    def to_dict(self) -> dict[str, Any]:
         """What ``summary.json`` holds: no NaN or infinity, ``None`` where a number does not exist."""
         record, bodies = self.record, self.measured_bodies
         files = {name: [asdict(file) for file in each] for name, each in self.files_of_bodies.items()}

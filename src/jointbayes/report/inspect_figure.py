@@ -1,6 +1,7 @@
 """Quick look at measured FRFs and hits: magnitude, phase, coherence, and each hit's force."""
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -90,13 +91,16 @@ def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredM
     legend_above(panels[0])
 
 
+_TITLE = 34  # characters of a line above the panel of a hit
+
+
 def _draw_hits(grid: Any, hits: Sequence[HitCurve]) -> None:  # noqa: ANN401 (array of Axes)
     panels = np.ravel(grid)
     for panel, (name, reason, time, force) in zip(panels, hits, strict=False):
         kept = extremes(force, _STRETCHES)
         panel.plot(1e3 * time[kept], force[kept], lw=0.8, color=SERIES_COLOURS[1 if reason else 0])
-        verdict = reason.split(",")[0] if reason else "kept"
-        panel.set_title(f"{_plain(name)}\n{verdict}", fontsize=7, color=SERIES_COLOURS[1] if reason else "black")
+        state = fill(_plain(reason), _TITLE) if reason else "kept"
+        panel.set_title(f"{_plain(name)}\n{state}", fontsize=7, color=SERIES_COLOURS[1] if reason else "black")
         panel.tick_params(labelsize=7)
     for panel in panels[len(hits) :]:
         panel.set_visible(False)

@@ -143,7 +143,7 @@ def plot_intervals(posterior: Posterior, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> AxesArray:
+def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> Figure:
     """Draw marginals and pairs of the joint's coordinates, with prior, mode and published values.
 
     Parameters
@@ -155,16 +155,16 @@ def plot_corner(posterior: Posterior, *, fig: Figure | None = None) -> AxesArray
 
     Returns
     -------
-    ndarray of Axes, shape (coordinates, coordinates)
+    Figure
+        With a panel for each coordinate and each pair of coordinates.
     """
     new = "a Figure without axes; pass pyplot.figure()"
     require(fig, Figure | None, "plot_corner: found", new, lambda given: not (given and given.axes))
     values = corner_values(_of(posterior))
     count = len(values[0])
     fig = fig or pyplot.figure(figsize=(1.2 + 2.0 * count, 1.2 + 2.0 * count))
-    grid = fig.subplots(count, count, squeeze=False)
-    drawing.draw_corner(grid, *values)
-    return grid
+    drawing.draw_corner(fig.subplots(count, count, squeeze=False), *values)
+    return fig
 
 
 def plot_traces(posterior: Posterior, *, axes: AxesArray | None = None) -> AxesArray:

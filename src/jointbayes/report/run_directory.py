@@ -98,7 +98,7 @@ def write_run(
     require_writable(target)
     inputs = inputs or ReportInputs(posterior)
     judge_aloud(posterior, progress)
-    files = {"summary.json": json_text(inputs.summary.to_json())}
+    files = {"summary.json": json_text(inputs.summary.to_dict())}
     if inputs.case_text:
         files["case.toml"] = inputs.case_text
     progress(Progress("drawing figures"))

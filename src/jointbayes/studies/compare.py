@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from jointbayes.case.case import AnyCase, Case, require_case
-from jointbayes.errors import CaseError, JointBayesError, ModelError
+from jointbayes.errors import CaseError, JointBayesError, ModelError, went
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem, hypothesis_problem
-from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, Quantity
+from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, USUAL_HYPOTHESES, Quantity
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.phrases import listed
-from jointbayes.posterior import data_sha256, package_versions
+from jointbayes.posterior import Posterior, data_sha256, package_versions
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import (
@@ -128,7 +128,7 @@ def evidence_table(summary: dict[str, Any]) -> Table:
 
 
 def build_comparison_report(summary: dict[str, Any], tested: Problem | None = None) -> Report:
-    """Build the report of a comparison, verdict first, from the numbers of ``compare.json`` and the test to sketch."""
+    """Build the report of a comparison from the numbers of ``compare.json`` and the test to sketch."""
     return Report(
         title="Comparison of joints",
         subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
@@ -164,7 +164,7 @@ def _evidence_row(row: Row) -> tuple[str, ...]:
 
 def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
     kind: Kind = "good" if summary["trusted"] and summary["decided"] else "caution"
-    blocks: list[Block] = [Callout(kind, f"**{foreign(summary['verdict'])}**")]
+    blocks: list[Block] = [Callout(kind, f"**{foreign(summary['finding'])}**")]
     if not summary["trusted"]:
         names = ", ".join(
             f"{r['hypothesis']} in {foreign(r['case'])}" for r in summary["candidates"] if not r["trusted"]
@@ -212,8 +212,31 @@ def _short_meaning(hypothesis: str) -> str:
     return f"{_IN_SHORT[joint]}{', undamped' if undamped else ''}"
 
 
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A problem that is compared, with its case if there is one; `drawn` where it is the problem of a posterior."""
+
+    problem: Problem
+    name: str
+    title: str
+    hypotheses: Sequence[str] = USUAL_HYPOTHESES
+    case: Case | None = None
+    drawn: bool = False
+
+    @classmethod
+    def of(cls, given: AnyCase | Problem | Posterior) -> "Compared":
+        """Take what is given; a path is read."""
+        drawn = isinstance(given, Posterior)
+        if isinstance(given, Problem) or (isinstance(given, Posterior) and not isinstance(given.case, Case)):
+            problem = given if isinstance(given, Problem) else given.problem
+            return cls(problem, problem.name, problem.name, drawn=drawn)
+        case = given.case if isinstance(given, Posterior) else require_case(given, "a case, a problem, a posterior")
+        assert isinstance(case, Case)
+        return cls(case.problem, case.name, case.title, case.spec.compare.hypotheses, case, drawn)
+
+
 def what_differs(cases: Sequence[Case]) -> dict[str, str]:
-    """Of each case, by its name, the one number that it has otherwise than the others; its name where there is none."""
+    """Return for each case, by its name, the one number in which it differs from the others, or its name."""
     stated = [dict(_leaves(case.spec.model_dump(exclude={"reference", "title"}))) for case in cases]
     keys = [k for k in dict.fromkeys(k for each in stated for k in each) if len({repr(e.get(k)) for e in stated}) > 1]
     values = [each.get(keys[0]) for each in stated] if len(keys) == 1 else []
@@ -270,8 +293,11 @@ class Comparison:
     labels: Mapping[str, str] = field(default_factory=dict)
     tested: Problem | None = None
 
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 (of names that went)
+        raise went(self, name)
+
     def __repr__(self) -> str:
-        return "\n".join(in_lines(f"Comparison of {len(self.candidates)} joints: {self.verdict}", 0))
+        return "\n".join(in_lines(f"Comparison of {len(self.candidates)} joints: {self.finding}", 0))
 
     @property
     def best(self) -> WeighedModel:
@@ -330,7 +356,7 @@ class Comparison:
         return not others or not is_close(self.two_log_b(others[0]))
 
     @property
-    def verdict(self) -> str:
+    def finding(self) -> str:
         """What was asked, answered in words: which of several cases, and which joint."""
         return " ".join(self.sentences)
 
@@ -364,7 +390,7 @@ class Comparison:
         rows = zip(self.candidates, self.probabilities, strict=True)
         return json_ready(
             {
-                "verdict": self.verdict,
+                "finding": self.finding,
                 "decided": self.decided,
                 "cases": self.by_case,
                 "trusted": self.trusted,
@@ -426,7 +452,7 @@ _PILED = 2.0  # times the prior's probability in that strip
 
 @one_blas_thread()
 def compare(
-    cases: Sequence[AnyCase],
+    cases: Sequence[AnyCase | Problem | Posterior],
     *,
     seed: int | None = None,
     progress: ProgressCallback | bool | None = None,
@@ -440,9 +466,10 @@ def compare(
     Parameters
     ----------
     cases
-        Cases, or paths of their files, each with its list of hypotheses.
+        Cases, or paths of their files, each with its list of hypotheses; problems and posteriors, with the usual
+        hypotheses where they have no case.
     seed
-        Seed of all random numbers; by default the first case's.
+        Seed of all random numbers; by default the first case's, 1 of a problem.
     progress
         Called as each stage of each candidate begins, and as it goes on.
     nested
@@ -451,7 +478,7 @@ def compare(
     Returns
     -------
     Comparison
-        ``.best``, ``.verdict``, ``.candidates``, ``.summary()``.
+        ``.best``, ``.finding``, ``.candidates``, ``.summary()``.
 
     Raises
     ------
@@ -463,9 +490,10 @@ def compare(
     Kass, R. E., Raftery, A. E. (1995). Bayes factors. Journal of the American Statistical Association 90(430),
     773-795. DOI 10.1080/01621459.1995.10476572
     """
-    given = [require_case(case) for case in cases]
+    given = [Compared.of(case) for case in cases]
     require_same_data(given)
-    seed = given[0].spec.sampling.seed if seed is None else seed
+    if seed is None:
+        seed = 1 if given[0].case is None else given[0].case.spec.sampling.seed
     tell = callback_of(progress)
     answered = _answered(given, seed, tell)
     candidates: list[WeighedModel] = []
@@ -476,11 +504,12 @@ def compare(
             raise
         except JointBayesError as error:
             raise CaseError(f"{case.name}: {error}") from error
-    problem, labels, texts = given[0].problem, what_differs(given), {case.name: case.text for case in given}
+    whole, problem = [each.case for each in given if each.case is not None], given[0].problem
+    labels, texts = what_differs(whole) if len(whole) == len(given) else {}, {case.name: case.text for case in whole}
     return Comparison(tuple(candidates), seed, data_sha256(problem), texts, labels, problem.parts[0])
 
 
-def require_same_data(cases: Sequence[Case]) -> None:
+def require_same_data(cases: Sequence[Case | Compared]) -> None:
     """Refuse cases whose evidences could not be compared.
 
     Raises
@@ -502,13 +531,16 @@ def require_same_data(cases: Sequence[Case]) -> None:
 
 
 def _data_of(problem: Problem) -> tuple[object, ...]:
-    layouts = ((test.name, test.data.frfs and test.data.frfs.layout) for test in problem.tests)
+    layouts = ((test.name, test.data.shown_frfs and test.data.shown_frfs.layout) for test in problem.tests)
     return data_sha256(problem), *layouts
 
 
-def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[str, Problem]:
+def _answered(cases: Sequence[Compared], seed: int, tell: ProgressCallback) -> dict[str, Problem]:
     """What each case is analysed as, by its name: of measured FRFs the modes that all cases have a place for."""
-    answered = {case.name: answered_case(case, seed, tell) for case in cases}
+    answered = {
+        each.name: each.problem if each.drawn else answered_case(each.case or each.problem, seed, tell)
+        for each in cases
+    }
     each = [{mode.resonance for mode in problem.premises.modes} for problem in answered.values()]
     if len({bool(used) for used in each}) > 1:
         by = ", ".join(f"{name} by {'modes' if p.premises.of_modes else 'its FRFs'}" for name, p in answered.items())
@@ -522,7 +554,7 @@ def _answered(cases: Sequence[Case], seed: int, tell: ProgressCallback) -> dict[
 
 
 def _weighed(
-    case: Case, answered: Problem, seed: int, tell: ProgressCallback, *, nested: bool
+    case: Compared, answered: Problem, seed: int, tell: ProgressCallback, *, nested: bool
 ) -> Iterator[WeighedModel]:
     """The hypotheses of a case, in their order.
 
@@ -531,7 +563,7 @@ def _weighed(
     2. Draw from those that Laplace's approximation does not put out of the question.
     3. Bridge the draws to a fitted mixture; nested sampling only where asked.
     """
-    hypotheses = case.spec.compare.hypotheses
+    hypotheses = case.hypotheses
     problems = {name: hypothesis_problem(answered, name) for name in hypotheses}
     # 1. search
     own, rough, found = answered.parametrisation, dict[str, Evidence](), dict[str, MapEstimate]()

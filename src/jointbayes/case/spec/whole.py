@@ -343,9 +343,11 @@ def _body_findings(case: CaseSpec) -> Iterator[Finding]:
         yield Finding(("structure", "damping", "ratio"), f'found "measured" {beside}', expected, "state them")
     for name, joint in case.stating_joints.items():
         modelled = any(case.structure.absent(side[0]) is None for side in (joint.dofs, joint.against) if side)
-        if joint.coordinates and case.priors_of(name) is None and not modelled:
-            expected = "one for a joint that no modelled body has a side of, whose size nobody knows"
-            yield Finding(prior_table(name), "found no prior", expected, "state it")
+        priors = case.priors_of(name)
+        lacking = [axis.name for axis in joint.coordinates if getattr(priors, axis.name, None) is None]
+        if lacking and not modelled:
+            expected = "one for each stiffness of a joint between bodies that are given by their FRFs"
+            yield Finding(prior_table(name), f"found no prior of {', '.join(lacking)}", expected, "state it")
 
 
 def _joint_findings(case: CaseSpec) -> Iterator[Finding]:
@@ -403,7 +405,7 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
 
 
 def _prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...]) -> Iterator[Finding]:
-    """Yield priors that the parametrisation of the joint lacks or has no use for."""
+    """Yield priors that the parametrisation of the joint has no use for."""
     needed, parametrisation = [axis.name for axis in joint.coordinates], joint.parametrisation
     given = {name for name in PriorsSpec.model_fields if getattr(priors, name) is not None}
     missing = [name for name in needed if name not in given]
@@ -419,7 +421,6 @@ def _prior_findings(joint: JointSpec, priors: PriorsSpec, at: tuple[str, ...]) -
             swap = f'replace it by {meant} or write parametrisation = "{other}"'
             remedy = swap if other else f"rename it to {show_key((*at, meant))}"
         yield Finding((*at, name), fault, f"priors of {', '.join(needed) or 'none'}", remedy)
-    yield from (Finding((*at, name), missing=True) for name in missing)
 
 
 # Why natural frequencies say nothing about a quantity.

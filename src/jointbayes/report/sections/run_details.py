@@ -29,8 +29,7 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
     if estimate.iteration is not None:
         blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
     elif missing := missing_for_iteration(posterior.problem):
-        reason = foreign(missing.removeprefix("paper's iteration: "))
-        blocks.append(Paragraph(f"**The paper's iteration was left out**: {reason}."))
+        blocks.append(Paragraph(f"**Left out**: {foreign(missing)}."))
     return ReportSection("starts", "Starting points and the paper's iteration", tuple(blocks))
 
 
@@ -43,7 +42,8 @@ def _iteration_blocks(
         for i, q in zip(history.iterated, iterated, strict=True)
         if history.stiffness[i] != 0
     )
-    text = f"**The paper's iteration (Eqs. 3–9)** {foreign(history.on_test)} {history.reason}. ".replace("  ", " ")
+    name = "**The paper's iteration (Eqs. 3–9)**"
+    text = f"{' '.join(filter(None, (name, foreign(history.on_test), history.reason)))}. "
     text += f"Step 5 differs from the last step by: {foreign(settled)}."
     named = listed_names([q.name for q in iterated])
     if len(iterated) < len(quantities):
