@@ -21,6 +21,7 @@ COMMANDS = {
     "sample": ("sample", "clamp.toml", "--out"),
     "sample by default": ("sample", "clamp.toml"),
     "report": ("report", "draws.nc", "--out"),
+    "one page": ("report", "draws.nc", "--one-page", "--out"),
     "export": ("export", "draws.nc", "--format", "nastran", "--to"),
     "compare": ("compare", "clamp.toml", "--out"),
     "campaign": ("campaign", "clamp.toml", "--out"),
@@ -39,6 +40,7 @@ WORK = (
     "jointbayes.workflow.sample",
     "vibrecords.inspection.contents_of",
     "jointbayes.report.run_directory.write_run",
+    "jointbayes.report.run_directory.write_one_page",
     "jointbayes.report.export.export",
     "jointbayes.studies.compare.compare",
     "jointbayes.studies.campaign.run_cases",
@@ -126,6 +128,8 @@ def test_an_exported_file_and_a_figure_are_replaced(user, form):
     if form == "csv":
         assert [cli(*figure).exit_code for _ in range(2)] == [0, 0]
         assert cli(*arguments[:-1], "tip.svg").exit_code == 0  # both can be had again
+        assert [cli("report", "draws.nc", "--one-page").exit_code for _ in range(2)] == [0, 0]
+        assert Path("one-page.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_posterior_replaces_posteriors_alone_and_nothing_else_replaces_one(user, monkeypatch, cheap_posterior):

@@ -5,6 +5,7 @@ import datetime
 import math
 import pkgutil
 import re
+import subprocess
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ import xarray as xr
 import jointbayes.report.sections
 from jointbayes.posterior import summarise
 from jointbayes.report import Figure, ReportInputs, build_report, drawing, render_html, render_pdf
-from jointbayes.report.contents import APPENDIX, PAGES
+from jointbayes.report.contents import APPENDIX, PAGES, one_page
 from jointbayes.report.methods import terms_section
 from jointbayes.report.model import Callout, Lights, Paragraph, Table
 from jointbayes.report.sections.intervals import posterior_section
@@ -53,6 +54,20 @@ def inputs(cheap_posterior):
 def whole(inputs):
     """The cheap case's report with everything in it."""
     return build_report(inputs, DATE)
+
+
+def test_the_page_for_a_customer_says_what_page_one_says_and_who_tested_what_and_when(inputs, whole, tmp_path):
+    page = one_page(inputs, DATE)
+    table, *rest = page.lead
+    assert table.head == ("Specimen", "Date of test", "Operator", "Instruments")
+    assert table.rows == (("not stated",) * 4,)
+    assert [block for block in rest if block not in whole.lead] == []
+    assert of_kind(rest, Table) == of_kind(whole.lead, Table)
+    assert (page.title, page.subtitle, page.sections) == (whole.title, whole.subtitle, ())
+    (tmp_path / "page.pdf").write_bytes(render_pdf(page))
+    told = subprocess.run(["pdfinfo", tmp_path / "page.pdf"], capture_output=True, text=True, check=True).stdout
+    assert re.search(r"^Pages: +1$", told, re.MULTILINE)
+    assert re.search(r"^Page size: .*A4", told, re.MULTILINE)
 
 
 def of_kind(blocks, kind):

@@ -148,14 +148,17 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
 @click.command()
 @click.argument("posterior", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run directory; by default reports/<case name>.")
-def report(posterior: Path, out: Path | None) -> None:
+@click.option("--one-page", "single", is_flag=True, help="Only one A4 page, for a customer: one-page.pdf, or --out.")
+@force_option
+def report(posterior: Path, out: Path | None, *, single: bool) -> None:
     """Write the report of a posterior file.
 
     POSTERIOR may be a run directory.
 
     \b
     Examples:
-      jointbayes report reports/my_case/posterior.nc --out reports/again
+      jointbayes report reports/my_case --out reports/again
+      jointbayes report reports/my_case --one-page
     """
     posterior = common.posterior_file(posterior)
     # before the seconds that the rest takes to load
@@ -164,7 +167,19 @@ def report(posterior: Path, out: Path | None) -> None:
     from jointbayes.report.run_directory import require_writable, write_run
     from jointbayes.workflow import load_posterior
 
+    page = out or posterior.parent / "one-page.pdf"
+    manner().read.append(posterior)
+    if single:
+        require_free(page, "--out")
     loaded = load_posterior(posterior)
+    if single:
+        from jointbayes.report.run_directory import write_one_page
+
+        manner().written = write_one_page(loaded, page, show_stage)
+        manner().result["page"] = str(page)
+        say(f"Page: {page}")
+        common.exit_by_convergence(loaded)
+        return
     target = out or Path("reports") / common.directory_name(loaded.record.case_name, posterior)
     require_writable(target)
     from jointbayes.report.inputs import ReportInputs

@@ -78,6 +78,8 @@ def _is_ours(file: Path) -> bool:
         head = stream.read(200)
         stream.seek(max(0, file.stat().st_size - 200))
         tail = stream.read().rstrip().removesuffix(b"-->").rstrip()
+    if head.startswith(b"%PDF"):  # it has its author among its data
+        return b"<dc:creator><rdf:Seq><rdf:li>jointbayes " in file.read_bytes()
     figure = head.startswith(b"<?xml")  # SVG has no room at its beginning
     return bool(OURS.match(head)) or (figure and tail.endswith(WRITTEN_BY.encode()))
 

@@ -460,12 +460,13 @@ def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-_OF_A_TEST = {"specimen": "Specimen", "date": "Date of test", "operator": "Operator", "instruments": "Instruments"}
+#: What a case may say of its test, in words.
+OF_A_TEST = {"specimen": "Specimen", "date": "Date of test", "operator": "Operator", "instruments": "Instruments"}
 
 
 def specimen_line(about: Mapping[str, str]) -> str:
     """What was tested, when, by whom and with what, in one line; empty where nothing is stated."""
-    return "; ".join(f"{words}: {about[key]}" for key, words in _OF_A_TEST.items() if key in about)
+    return "; ".join(f"{words}: {about[key]}" for key, words in OF_A_TEST.items() if key in about)
 
 
 def _correlations(posterior: AnyPosterior) -> dict[tuple[str, str], float]:

@@ -78,6 +78,20 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     return with_guides(report)
 
 
+def one_page(inputs: ReportInputs, date: datetime.date) -> Report:
+    """Build page one as a document of its own, for the file of a customer: the same numbers and sentences."""
+    synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
+    page = Report(
+        title=inputs.title,
+        subtitle=f"Joint stiffness with uncertainty{synthetic}",
+        lead=lead(inputs, alone=True),
+        sections=(),
+        date=date,
+        version=inputs.posterior.record.versions["jointbayes"],
+    )
+    return with_guides(page)
+
+
 def _blocks(
     sections: Sequence[Section], inputs: ReportInputs, of_data: Sequence[SectionOfData], shown: TestInputs
 ) -> list[Block]:

@@ -13,6 +13,7 @@ from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
+from jointbayes.report.contents import one_page
 from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.report.methods import references
@@ -23,7 +24,8 @@ from vibrecords.files import real_directory, scratch_file, sweep, whole_director
 
 _MARK = "summary.json"  # by which a run directory is known
 #: What may be in a run directory; any other file is the user's.
-_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "references.bib")
+_FILES = ("report.html", "report.pdf", "posterior.nc", "summary.json", "case.toml", "references.bib",
+          "one-page.pdf")  # fmt: skip
 _FIGURES, _FIGURE = "figures", ".svg"
 _OF_THE_SYSTEM = (".DS_Store", "Thumbs.db", "desktop.ini")  # what looking at a directory leaves in it
 _ROOM = 3_000_000  # bytes of a report without its draws: HTML, PDF and figures
@@ -110,6 +112,14 @@ def write_run(
         posterior.save(new / "posterior.nc", inputs.knowledge)
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
+    return target
+
+
+def write_one_page(posterior: Posterior, target: Path, progress: ProgressCallback = tell_nobody) -> Path:
+    """Write page one alone as a PDF of one A4 page, and return its path."""
+    judge_aloud(posterior, progress)
+    today = datetime.datetime.now(datetime.UTC).date()
+    write_whole_file(target, render_pdf(one_page(ReportInputs(posterior), today)))
     return target
 
 

@@ -12,6 +12,7 @@ from jointbayes.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
 from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
 from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_quantities
 from jointbayes.posterior.prediction import sentence_of_left_out
+from jointbayes.posterior.summary import OF_A_TEST
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
@@ -39,19 +40,27 @@ class _Answer:
     known: Mapping[str, Verdict]
 
 
-def lead(inputs: ReportInputs) -> tuple[Block, ...]:
-    """Page one, in the order in which it is asked."""
+def lead(inputs: ReportInputs, *, alone: bool = False) -> tuple[Block, ...]:
+    """Return page one, in the order in which it is asked.
+
+    A page that stands alone says in a table who tested what, when and with which instruments, also where the case does
+    not say it. It does not say what limits the answer.
+    """
     answers = _answers(inputs)
-    return (
+    about, words = inputs.summary.about, "not stated"
+    cells = tuple(foreign(about[key]) if key in about else words for key in OF_A_TEST)
+    head = Table("The test", tuple(OF_A_TEST.values()), (cells,), align="llll")
+    said = [Paragraph(f"{inputs.specimen}.")] if inputs.specimen else []
+    blocks = (
         *_stops(inputs),
-        *([Paragraph(f"{inputs.specimen}.")] if inputs.specimen else []),
+        *([head] if alone else said),
         *blocks_on_tests(inputs),
         _answer_table(inputs, answers, _MOST_NAMED),
         Paragraph(f"**Rests on.** {_premises(inputs, answers)}"),
         Paragraph(f"**Next.** {foreign(inputs.knowledge.advice)}"),
         lights_of(inputs),
-        Paragraph(f"**What limits the answer.** {_limits(inputs, answers)}"),
     )
+    return blocks if alone else (*blocks, Paragraph(f"**What limits the answer.** {_limits(inputs, answers)}"))
 
 
 def answer_section(inputs: ReportInputs) -> ReportSection | None:
