@@ -70,6 +70,7 @@ AROUND = {
     "measured-2": FRF,
     "measured-3": FRF,
     "modes-2": MODES,
+    "predict-2": '[predict]\noutputs = ["11:y"]\ninputs = ["11:y"]\nf_min_hz = 10\nf_max_hz = 900\nf_step_hz = 1\n',
     "what-can-be-wrong-1": MODES,
     "what-now-1": FRF,
     "what-now-3": FRF,

@@ -24,8 +24,8 @@ ROOMS = {
     "posterior": (3700, 4990),
     "studies": (1700, 1740),
     "case": (4000, 5000),
-    "report": (2900, 3550),
-    "cli and what stands alone": (1400, 1850),
+    "report": (2900, 3575),
+    "cli and what stands alone": (1400, 1865),
 }
 
 
