@@ -244,6 +244,8 @@ TABLE = (
     Limits("line_weight", 1e-6, 10.0),
     Limits("block_s pretrigger_s force_window_s", 1e-9, 1e6),
     Limits("force_range_n axial_force_n", 1e-12, 1e12),
+    Limits("kt_mpa kr", 1e-6, 1e6),
+    Limits("speed_min_rpm speed_max_rpm", 1e-3, 1e9),
 )
 
 #: Limits by key.
