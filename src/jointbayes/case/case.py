@@ -46,10 +46,10 @@ from jointbayes.errors import CaseError, JointBayesError, MeasurementError, Mode
 from jointbayes.frf import MeasuredBody, Ports
 from jointbayes.identification.numbering import find_above_rigid, find_numbering
 from jointbayes.inference import ErrorSizes, Problem, in_workshop
-from jointbayes.joint import AnyJoint, Joint, Joints, joints_of
+from jointbayes.joint import Joint, Joints, joints_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import SamplerSettings
-from jointbayes.structure import MemberRecipe, StructureRecipe, require_unbuckled
+from jointbayes.structure import MemberRecipe, require_unbuckled
 from jointbayes.verdict_rule import VerdictRule
 from vibrecords import Data, quantity_factor
 from vibrecords.arrays import Array
@@ -345,7 +345,13 @@ def _one_test(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> C
             dofs = (*joint.labels, *(data.dofs if data else ()))
             spec = reduce_imported(spec, home, dofs, top_of(spec, data))
         recipe = recipe_of(spec.structure, spec.data, data)
-        _require_one_place(spec, joint, recipe, source)
+        for joint_name, side in zip(
+            spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True
+        ):
+            try:
+                side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
+            except ModelError as error:
+                raise CaseError(source.fault((*joint_table(joint_name), *error.key), *error.words)) from error
         if isinstance(recipe, MemberRecipe):
             require_unbuckled(recipe, joint.labels)
         tell("data")
@@ -363,15 +369,6 @@ def _one_test(name: str, home: CaseHome, spec: CaseSpec, data: Data | None) -> C
         tell("data")
         used.require_enough()
     return CaseTest(name, source, spec, recipe, bodies, joint, used, noise, of_noise, apart)
-
-
-def _require_one_place(spec: CaseSpec, joint: AnyJoint, recipe: StructureRecipe, source: CaseText) -> None:
-    """Refuse joints whose sides do not meet, by the key of the other side."""
-    for name, side in zip(spec.all_joints, joint.joints if isinstance(joint, Joints) else (joint,), strict=True):
-        try:
-            side.require_one_place(lambda label: recipe.positions.get(label.rpartition(":")[0]))
-        except ModelError as error:
-            raise CaseError(source.fault((*joint_table(name), *error.key), *error.words)) from error
 
 
 def _require_dofs_of_offsets(spec: CaseSpec, source: CaseText) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
-from jointbayes.case.spec.data_table import MeasuredBodySpec, MeasuredSpec, SyntheticFrfSpec, files_table
+from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath, metres
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
@@ -98,6 +98,14 @@ def plan_of(spec: CaseSpec) -> MeasurementPlan:
 
 def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     """What all tables of measurement files ask for of these."""
+    signals: ImpactSettings | ShakerSettings | None = None
+    if (spec := data.records) is not None:
+        more = (spec.estimator, data.f_min_hz, data.f_max_hz)
+        hits = HitSettings(spec.block_s, spec.pretrigger_s, force_range_n=spec.force_range_n)
+        signals = ImpactSettings(hits, spec.force_window_s, spec.exponential_end, *more)
+        if spec.method == "shaker":
+            assert spec.block_s is not None
+            signals = ShakerSettings(spec.block_s, spec.overlap, spec.window, *more)
     return MeasurementPlan(
         {name: channel.built() for name, channel in data.channels.items()},
         data.variance.built() if data.variance else None,
@@ -106,22 +114,12 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         data.f_max_hz,
         data.thin,
         data.accelerometers == "roving",
-        _signals(data) if data.records else None,
+        signals,
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
         window_tau_s=data.exponential_tau_s,
         layout=data.layout.model_dump(exclude_none=True) if data.layout else {},
     )
-
-
-def _signals(data: MeasuredSpec) -> ImpactSettings | ShakerSettings:
-    spec, band = data.records, (data.f_min_hz, data.f_max_hz)
-    assert spec is not None
-    if spec.method == "shaker":
-        assert spec.block_s is not None
-        return ShakerSettings(spec.block_s, spec.overlap, spec.window, spec.estimator, *band)
-    hits = HitSettings(spec.block_s, spec.pretrigger_s, force_range_n=spec.force_range_n)
-    return ImpactSettings(hits, spec.force_window_s, spec.exponential_end, spec.estimator, *band)
 
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
@@ -146,14 +144,8 @@ def true_stiffness(spec: CaseSpec) -> Array:
 def noise_of(case: CaseSpec, data: Data) -> tuple[NoiseModel, tuple[Nuisance, ...]]:
     """Distribution of the residuals, and the priors of its parameters; its module has the name of the distribution."""
     spec, error = case.noise, case.uncertain.model_error
-    choice = NoiseChoice(
-        spec.scale,
-        (spec.scale_low_factor, spec.scale_high_factor),
-        spec.scale_dof,
-        spec.scale_guess,
-        spec.dof,
-        error.built() if error else None,
-    )
+    bounds, sizes = (spec.scale_low_factor, spec.scale_high_factor), error.built() if error else None
+    choice = NoiseChoice(spec.scale, bounds, spec.scale_dof, spec.scale_guess, spec.dof, sizes)
     module = import_module(f"jointbayes.inference.noise.{spec.distribution}")
     return module.noise_of(choice, 1 if data.frfs is None else 2, data)
 
@@ -172,16 +164,11 @@ def measurement_of(case: CaseSpec, joint: AnyJoint, test: str = "") -> Data:
     # one virtual test: the joint's own DOFs come last, so that they leave the noise of the others as it is
     at_joint = tuple(dof for dof in joint.labels if dof not in spec.outputs)
     ports = Ports(np.array(spec.lines_hz()), spec.outputs + at_joint, spec.inputs)
+    random = generator_of(spec.noise.seed, test) if spec.noise.added else None
     measured = synthesise_frf(
-        true_family(case),
-        joint,
-        parametrisation.matrix(truth),
-        ports,
-        spec.noise.built(),
-        spec.quantity,
-        generator_of(spec.noise.seed, test) if spec.noise.added else None,
+        true_family(case), joint, parametrisation.matrix(truth), ports, spec.noise.built(), spec.quantity, random,
         gain=spec.truth.gain,
-    )
+    )  # fmt: skip
     return replace(measured.select(spec.outputs, spec.inputs), joint_frf=measured.frf)
 
 
@@ -242,25 +229,6 @@ class CaseHome:
             raise CaseError(self.source.fault((*path, outside[0]), *outside[1]))
 
 
-def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
-    """The case with what it leaves to its data: damping ratios, and the distribution of residuals.
-
-    Residuals are Student-t where the variance of FRFs was estimated line by line from few data: a residual over an
-    estimated standard deviation is not Gaussian, with dof degrees of freedom its square is dof/(dof − 2) on average,
-    not 1. Only where the case does not choose a distribution itself, and nothing else forbids it.
-
-    Raises
-    ------
-    MeasurementError
-        If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
-    """
-    spec, dof, noise = _take_measured_damping(spec, measured), measured.variance_dof, spec.noise
-    free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
-    if dof is None or dof >= _NEARLY_GAUSSIAN or not free:
-        return spec
-    return spec.model_copy(update={"noise": noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})})
-
-
 #: FRFs without modes by what is wrong with them, see `vibrecords.warnings`.
 _NO_MODE = {
     "constant": "an FRF of one value on all lines",
@@ -269,36 +237,44 @@ _NO_MODE = {
 }
 
 
-def _take_measured_damping(spec: CaseSpec, measured: Data) -> CaseSpec:
-    """The case with the damping ratios that the data show, where it asks for them.
+def complete_from_data(spec: CaseSpec, measured: Data) -> CaseSpec:
+    """The case with what it leaves to its data.
 
-    For FRFs each ratio stays uncertain by a factor of 3 either way, unless the case says otherwise: the same data are
-    in the likelihood, and a prior as narrow as the modal fit would count them twice.
+    1. Take the damping ratios that the data show, where the case asks for them. For FRFs each ratio stays uncertain by
+       a factor of 3 either way, unless the case says otherwise. The same data are in the likelihood, and a prior as
+       narrow as the modal fit would count them twice.
+    2. Let residuals be Student-t where the variance of FRFs was estimated line by line from few data, and the case does
+       not choose a distribution. A residual over an estimated standard deviation is not Gaussian: with dof degrees of
+       freedom its square is dof/(dof − 2) on average, not 1.
 
     Raises
     ------
     MeasurementError
-        If the data show no mode with a damping ratio between 0 and 1.
+        If the data show no mode with a damping ratio between 0 and 1, and the case asks for them.
     """
-    damping = spec.structure.damping
-    if not damping.measured:
+    # 1. Take the measured damping ratios.
+    damping, uncertain = spec.structure.damping, spec.uncertain
+    if damping.measured:
+        assert measured.provenance is not None
+        ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
+        if not ratios or not all(0 < ratio < 1 for ratio in ratios):
+            doubts = (_NO_MODE[w.key] for w in measured.provenance.warnings if w.key in _NO_MODE)
+            found = f"the ratios {list(ratios)} in the data" if ratios else f"no mode in {next(doubts, 'the data')}"
+            remedy = "look at the data, or write ratio = 0.01"
+            where = "structure.damping.ratio"
+            raise MeasurementError.of(where, (), f"found {found}", "ratios between 0 and 1", remedy)
+        structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
+        if uncertain.damping_ratio is None and measured.frfs is not None:
+            high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
+            prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
+            uncertain = uncertain.model_copy(update={"damping_ratio": prior})
+        spec = spec.model_copy(update={"structure": structure, "uncertain": uncertain})
+    # 2. Choose the distribution of residuals.
+    dof, noise = measured.variance_dof, spec.noise
+    free = "distribution" not in noise.model_fields_set and noise.scale != "integrated"
+    if dof is None or dof >= _NEARLY_GAUSSIAN or not free:
         return spec
-    assert measured.provenance is not None
-    ratios = tuple(float(mode.damping_ratio) for mode in measured.provenance.modes)
-    if not ratios or not all(0 < ratio < 1 for ratio in ratios):
-        doubts = (_NO_MODE[w.key] for w in measured.provenance.warnings if w.key in _NO_MODE)
-        found = f"the ratios {list(ratios)} in the data" if ratios else f"no mode in {next(doubts, 'the data')}"
-        raise MeasurementError(
-            f"structure.damping.ratio: found {found}; expected ratios between 0 and 1; look at the data, or write "
-            "ratio = 0.01"
-        )
-    structure = spec.structure.model_copy(update={"damping": damping.model_copy(update={"ratio": ratios})})
-    uncertain = spec.uncertain
-    if uncertain.damping_ratio is None and measured.frfs is not None:
-        high = max(min(_DAMPING_FACTOR, 0.9 / max(ratios)), 1.0)
-        prior = FactorPriorSpec(low_factor=1 / _DAMPING_FACTOR, high_factor=high, own=True)
-        uncertain = uncertain.model_copy(update={"damping_ratio": prior})
-    return spec.model_copy(update={"structure": structure, "uncertain": uncertain})
+    return spec.model_copy(update={"noise": noise.model_copy(update={"distribution": "student_t", "dof": float(dof)})})
 
 
 def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tuple[MeasuredBody, ...]:
@@ -320,36 +296,32 @@ def measured_bodies(spec: CaseSpec, used: Iterable[str], home: CaseHome) -> tupl
     MeasurementError
         If a file is missing or wrong, or lacks an FRF.
     """
+    if spec.bodies:
+        from vibrecords.assemble import read_measurement  # with all formats, which others do not need
+
     wanted, bodies = frozenset(used), []
     for name, body in spec.bodies.items():
         home.require_inside(("bodies", name, "file"), body.file)
         try:
-            bodies.append(_body(name, body, wanted, home.directory))
+            measured = read_measurement(body.file, home.directory, plan_of_files(body)).frfs
+            assert measured is not None
+            assert measured.provenance is not None  # as of all that is read
+            whole = MeasuredBody.of(measured.frf, measured.variance, name)
+            motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}
+            for label, rotation in body.rotations.items():
+                if label in wanted:
+                    assert rotation.spacing_mm is not None  # as its table asks
+                    weights = rotation.rotation(label, rotation.spacing_mm).weights
+                    motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
+            if not motions:
+                found = f"found no joint, output or input at its DOFs {', '.join(body.labels)}"
+                remedy = "name its DOF in the joint, or remove the body"
+                raise MeasurementError.of(f"measured body {name}", (), found, "a joint to one of them", remedy)
+            bodies.append(replace(whole.seen_at(motions), files=measured.provenance.files))
         except MeasurementError as error:
             # messages of the files name the table of the data
             raise MeasurementError(str(error).replace("data.", f"bodies.{name}."), name, *error.key) from error
     return tuple(bodies)
-
-
-def _body(name: str, spec: MeasuredBodySpec, wanted: frozenset[str], directory: Path) -> MeasuredBody:
-    from vibrecords.assemble import read_measurement  # with all formats, which others do not need
-
-    measured = read_measurement(spec.file, directory, plan_of_files(spec)).frfs
-    assert measured is not None
-    assert measured.provenance is not None  # as of all that is read
-    whole = MeasuredBody.of(measured.frf, measured.variance, name)
-    motions = {label: {label: 1.0} for label in whole.dofs if label in wanted}
-    for label, rotation in spec.rotations.items():
-        if label in wanted:
-            assert rotation.spacing_mm is not None  # as its table asks
-            weights = rotation.rotation(label, rotation.spacing_mm).weights
-            motions[label] = dict(zip(rotation.stations, weights.tolist(), strict=True))
-    if not motions:
-        raise MeasurementError(
-            f"measured body {name}: found no joint, output or input at its DOFs {', '.join(spec.labels)}; expected a "
-            "joint to one of them; name its DOF in the joint, or remove the body"
-        )
-    return replace(whole.seen_at(motions), files=measured.provenance.files)
 
 
 def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
@@ -491,7 +463,9 @@ def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
     for test in tests:
         for named_here, among in zip(test.named_nuisances(), (nuisances, of_noise), strict=True):
             for nuisance in named_here:
-                among[nuisance.name] = _shared(among.get(nuisance.name, nuisance), nuisance)
+                first = among.setdefault(nuisance.name, nuisance)
+                if (first.unit, first.nominal) != (nuisance.unit, nuisance.nominal):  # one factor on what each states
+                    among[nuisance.name] = Nuisance(first.name, "× stated", 1.0, first.prior)
     every = sorted(nuisances.values(), key=lambda n: n.name.rpartition(".")[2] == "gain")
     prior = JointPrior(blocks_of(kinds), tuple(marginals), (*every, *of_noise.values()))
     return prior, np.concatenate([[], *guesses])
@@ -508,13 +482,6 @@ def default_priors_of(specs: Mapping[str, CaseSpec]) -> frozenset[str]:
     )
 
 
-def _shared(first: Nuisance, other: Nuisance) -> Nuisance:
-    """A quantity that tests share; where they state other values for it, one factor on each of these."""
-    if (first.unit, first.nominal) == (other.unit, other.nominal):
-        return first
-    return Nuisance(first.name, "× stated", 1.0, first.prior)
-
-
 def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
     """The problem of a case."""
     prior, guess = prior_of(case_tests)
@@ -522,13 +489,7 @@ def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
     tests: list[Test] = []
     left_out: list[Test] = []
     for built in case_tests:
-        test = Test(
-            built.name,
-            built.structure,
-            built.joint,
-            built.data,
-            built.noise,
-        )
+        test = Test(built.name, built.structure, built.joint, built.data, built.noise)
         (left_out if built.spec.leaves_out(built.name) else tests).append(test)
         if built.apart is not None:
             noise = built.noise.fitted_to(built.apart, built.noise.parts)  # type: ignore[arg-type]  # of its kind
@@ -661,10 +622,17 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     """
     structure = spec.structure
     assert isinstance(structure, ImportedSpec)
+    files: list[tuple[tuple[str, ...], _Stamp]] = []
     for key, name in structure.file_keys.items():
         home.require_inside(("structure", *key), [name])
-    stamps = {key: _stamp(home.directory / name, key) for key, name in structure.file_keys.items()}
-    model = _read(tuple(stamps.items()), structure.length_unit)
+        try:
+            state = (home.directory / name).stat()
+        except OSError:
+            where, found = Path(name).name, "found no such file"
+            raise ModelError.of(where, key, found, "the model's file", "correct the name") from None
+        files.append((key, (str(home.directory / name), state.st_size, state.st_mtime_ns)))
+    stamps = tuple(files)
+    model = _read(stamps, structure.length_unit)
     labels = [*dofs, *spec.data.loaded, *itertools.chain(*spec.data.labelled.values())]
     named = dict.fromkeys(point for label in labels if (point := label.rpartition(":")[0]) not in structure.ports)
     ports = {name: _port(port, model, name) for name, port in structure.ports.items()}
@@ -673,32 +641,16 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     whole = sum(max(map(abs, quantities.get(q, (0.0, 0.0)))) for q in ("youngs_modulus", "density")) / 2
     top_hz = max(structure.top_hz or 0.0, top_hz * float(np.exp(whole)))
     bodies = tuple((name, body.built()) for name, body in structure.bodies.items())
-    beside, points = _with_beams(tuple(stamps.items()), structure.length_unit, bodies, top_hz)
+    beside, points = _with_beams(stamps, structure.length_unit, bodies, top_hz)
     ports |= {point: Port((points[point],)) for point in named if point in points}
-    ends = {
-        name: tuple(np.exp(range_).tolist())
-        for name, range_ in quantities.items()
-        if name.rpartition(".")[0] in beside.parts
-    }
+    ends = {n: tuple(np.exp(r).tolist()) for n, r in quantities.items() if n.rpartition(".")[0] in beside.parts}
+    held = ((node, way) for node, _, way in (support.rpartition(":") for support in structure.supports))
+    supports = tuple((points.get(node) or int(node), way) for node, way in held)
+    own_damping = isinstance(structure.damping, ModelDampingSpec)
     recipe = _reduced(
-        tuple(stamps.items()),
-        structure.length_unit,
-        bodies,
-        tuple(ports.items()),
-        top_hz,
-        tuple(ends.items()),
-        tuple((points.get(node) or int(node), way) for node, _, way in (s.rpartition(":") for s in structure.supports)),
-        isinstance(structure.damping, ModelDampingSpec),
+        stamps, structure.length_unit, bodies, tuple(ports.items()), top_hz, tuple(ends.items()), supports, own_damping
     )
     return spec.model_copy(update={"structure": structure.with_reduced(recipe)})
-
-
-def _stamp(file: Path, key: tuple[str, ...]) -> _Stamp:
-    try:
-        state = file.stat()
-    except OSError:
-        raise ModelError.of(str(file.name), key, "found no such file", "the model's file", "correct the name") from None
-    return str(file), state.st_size, state.st_mtime_ns
 
 
 @lru_cache(maxsize=4)
@@ -732,9 +684,8 @@ def _part(model: FeModel, part: FeModel, bending: FeModel | None, name: str) -> 
     if missing:
         node, way = missing[0]
         found = f"found DOF {way} of node {node} in {part.source}, which {model.source} does not have"
-        raise ModelError.of(
-            part.source, ("parts", name, "file"), found, "a part of it", "export both with one numbering"
-        )
+        remedy = "export both with one numbering"
+        raise ModelError.of(part.source, ("parts", name, "file"), found, "a part of it", remedy)
     rows = [model.row_of[row] for row in map(tuple, part.dofs.tolist())]
     place = sparse.eye_array(model.n_dofs, format="csc")[:, rows]
     stiffness, mass = (place @ matrix @ place.T for matrix in (part.stiffness, part.mass))

@@ -282,16 +282,6 @@ def _missing_wording(place: _Place) -> tuple[str, str, str]:
     return "missing", expected, f"add {key} = {example} {where}"
 
 
-def _value_wording(fault: _Fault) -> tuple[str, str, str]:
-    place, finding = fault.place, fault.finding
-    entry = f" as entry {place.path[-1] + 1}" if place.path and isinstance(place.path[-1], int) else ""
-    mistake = finding.found or f"found {_show(place.value)}{entry}"
-    if mistake.startswith(('found "?"', 'found the text "?"')):
-        mistake = 'found "?", a question still open'
-    expected = finding.expected or (place.info.description if place.info else "") or ""
-    return mistake, expected, finding.remedy or _value_remedy(place)
-
-
 def _value_remedy(place: _Place) -> str:
     key = next((str(p) for p in reversed(place.path) if isinstance(p, str)), "")
     value, example = place.value, _example(place.info)
@@ -353,12 +343,19 @@ def fault_lines(error: ValidationError, model: type[BaseModel], source: CaseText
     left_out = len(errors[_MOST_READ:]) + len(each) - len(first) + max(0, len(paired) - _MOST_TOLD)
     shown = []
     for fault in paired[:_MOST_TOLD]:
-        path = fault.place.path
+        place, finding = fault.place, fault.finding
         if fault.kind == "unknown":
             words = _unknown_wording(fault, model)
+        elif fault.kind == "missing":
+            words = _missing_wording(place)
         else:
-            words = _missing_wording(fault.place) if fault.kind == "missing" else _value_wording(fault)
-        shown.append(source.fault(path, *words))
+            entry = f" as entry {place.path[-1] + 1}" if place.path and isinstance(place.path[-1], int) else ""
+            mistake = finding.found or f"found {_show(place.value)}{entry}"
+            if mistake.startswith(('found "?"', 'found the text "?"')):
+                mistake = 'found "?", a question still open'
+            expected = finding.expected or (place.info.description if place.info else "") or ""
+            words = mistake, expected, finding.remedy or _value_remedy(place)
+        shown.append(source.fault(place.path, *words))
     return [*shown, f"and {left_out} more"] if left_out else shown
 
 
@@ -410,43 +407,29 @@ def parse_tests(text: str | CaseText, name: str = "case") -> dict[str, CaseSpec]
     """
     source = case_text(text, name) if isinstance(text, str) else text
     texts = texts_of_tests(source)
-    specs, faults, dropped = _checked_each(texts)
-    faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]  # what no test can have
-    if not faults:
-        between = [*shared_findings(specs, texts), *integral_findings(specs)]
-        if not any(spec.joined for spec in specs.values()):
-            expected, remedy = "one test at least with the joint to be identified", "remove it from one"
-            between = [(next(iter(specs)), Finding(("joined",), "found false", expected, remedy))]
-        faults = [_told(texts[test], finding) for test, finding in (*between, *hypotheses_findings(specs))]
-    _raise_faults(faults)
-    return specs
-
-
-def _raise_faults(faults: Sequence[str]) -> None:
-    if faults:
-        raise CaseError("\n".join(dict.fromkeys(faults)))
-
-
-def _told(text: CaseText, finding: Finding) -> str:
-    """A fault between tests in one line."""
-    return text.fault(finding.loc, finding.found, finding.expected, finding.remedy)
-
-
-def _checked_each(
-    texts: Mapping[str, CaseText],
-) -> tuple[dict[str, CaseSpec], list[str], dict[KeyPath, list[str]]]:
-    """Tests without fault, faults of the others; and what they do not take of the whole file, with its faults."""
+    # 1. Check each test by itself; what it does not take of the whole file is a fault if no test takes it.
     specs: dict[str, CaseSpec] = {}
     faults: list[str] = []
     dropped: dict[KeyPath, list[str]] = {}
-    for test, text in texts.items():
-        spec, lines, without = _checked(text)
+    for test, own in texts.items():
+        spec, lines, without = _checked(own)
         faults += lines
         for key, line in without.items():
             dropped.setdefault(key, []).append(line)
         if spec is not None:
             specs[test] = spec
-    return specs, faults, dropped
+    faults += [lines[0] for lines in dropped.values() if len(lines) == len(texts)]
+    # 2. Check what stands between the tests.
+    if not faults:
+        between = [*shared_findings(specs, texts), *integral_findings(specs)]
+        if not any(spec.joined for spec in specs.values()):
+            expected, remedy = "one test at least with the joint to be identified", "remove it from one"
+            between = [(next(iter(specs)), Finding(("joined",), "found false", expected, remedy))]
+        every = (*between, *hypotheses_findings(specs))
+        faults = [texts[test].fault(f.loc, f.found, f.expected, f.remedy) for test, f in every]
+    if faults:
+        raise CaseError("\n".join(dict.fromkeys(faults)))
+    return specs
 
 
 def _checked(text: CaseText) -> tuple[CaseSpec | None, list[str], dict[KeyPath, str]]:
@@ -484,8 +467,13 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
     first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
     for test, spec in specs.items():
         for name, joint in spec.all_joints.items():
-            if not joint.own:
-                yield from ((test, finding) for finding in _stated_alone(texts[test], name))
+            for key in () if joint.own else (prior_table(name), (*joint_table(name), "initial")):
+                if key in texts[test].own:
+                    fault, remedy = (
+                        "found it for one test, of a joint that all tests share",
+                        "add it, or state this for all",
+                    )
+                    yield test, Finding(key, fault, "own = true in the table of the joint", f"{remedy} tests")
             if name in spec.sharing:
                 continue
             first, other = first_by_quantity.setdefault(spec.joint_of_test(test, name)[1], (test, joint))
@@ -523,14 +511,6 @@ def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Find
         fault = 'found "integrated" for one factor of several tests, of which each has its own'
         expected = 'own = true for a factor of each, or scale = "sampled" for one of all'
         yield test, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
-
-
-def _stated_alone(text: CaseText, name: str) -> Iterator[Finding]:
-    """Yield a prior or a first guess that a test states of a joint which is that of all."""
-    for key in (prior_table(name), (*joint_table(name), "initial")):
-        if key in text.own:
-            fault = "found it for one test, of a joint that all tests share"
-            yield Finding(key, fault, "own = true in the table of the joint", "add it, or state this for all tests")
 
 
 def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:

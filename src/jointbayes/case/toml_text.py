@@ -177,14 +177,6 @@ def _name_of_today(path: tuple[_Part, ...]) -> tuple[_Part, ...]:
     return tuple("tests" if part == "setups" and path[:n] in _TABLES_OF_TESTS else part for n, part in enumerate(path))
 
 
-def _use_names_of_today(data: dict[Any, Any]) -> None:
-    """Give the keys of an older case file their names of today, in its tables; where both are there neither changes."""
-    for place in _TABLES_OF_TESTS:
-        table: Any = reduce(lambda of, key: of.get(key, {}), place, data)
-        if isinstance(table, dict) and "setups" in table and "tests" not in table:
-            table["tests"] = table.pop("setups")
-
-
 def parse_toml(text: str, name: str) -> dict[str, object]:
     """Parse TOML text to keys of today; a syntax error or a text without any key is a `CaseError` of one line."""
     deep = next((m for m in _DOTTED.finditer(text) if m["keys"] and m["keys"].count(".") >= _MOST_DEPTH), None)
@@ -200,7 +192,10 @@ def parse_toml(text: str, name: str) -> dict[str, object]:
         raise CaseError(fault_line(name, 1, "file", "holds no key", "expected a case file in TOML", _START))
     if _depth(data) > _MOST_DEPTH:
         raise CaseError(_too_deep(name, 1))
-    _use_names_of_today(data)
+    for place in _TABLES_OF_TESTS:  # where both names are there neither changes
+        table: Any = reduce(lambda of, key: of.get(key, {}), place, data)
+        if isinstance(table, dict) and "setups" in table and "tests" not in table:
+            table["tests"] = table.pop("setups")
     return data
 
 

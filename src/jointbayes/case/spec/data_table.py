@@ -106,11 +106,6 @@ def _signed(text: str) -> str:
     return text
 
 
-def _channel_table(value: object) -> object:
-    """A channel that is a DOF alone, as the table it stands for."""
-    return {"dof": value} if isinstance(value, str) else value
-
-
 _DOF = key_field('a DOF such as "11:y", or "-11:y" if it points the other way', "11:y")
 _UNIT = key_field(
     'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
@@ -254,7 +249,9 @@ _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 _Band = tuple[Annotated[float, Field(ge=0)], Positive]
-_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
+_Channels = dict[
+    str, Annotated[ChannelSpec, BeforeValidator(lambda value: {"dof": value} if isinstance(value, str) else value)]
+]
 
 
 class MeasuredSpec(DataTable):
@@ -576,11 +573,8 @@ class ModesSpec(DataTable):
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
         """DOFs of shapes with their references, of antiresonances, and of modal constants."""
         labelled: dict[KeyPath, tuple[str, ...]] = {}
-        for table, keys in (
-            ("shapes", ("dofs", "reference")),
-            ("zeros", ("dof",)),
-            ("constants", ("outputs", "inputs")),
-        ):
+        tables = {"shapes": ("dofs", "reference"), "zeros": ("dof",), "constants": ("outputs", "inputs")}
+        for table, keys in tables.items():
             if (given := getattr(self, table)) is not None:
                 labelled |= {("data", table, key): getattr(given, key) for key in keys}
         return labelled
@@ -610,17 +604,13 @@ class ModesSpec(DataTable):
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("frequencies_hz", "eigenvalues") if getattr(self, key) is not None]
         if len(given) != 1:
-            if given:
-                fault = "given together with frequencies_hz"
-                yield Finding(("eigenvalues",), fault, "one of the two", "remove one of the two")
-            else:
-                yield Finding(("frequencies_hz",), missing=True)
+            both = Finding(("eigenvalues",), "given together with frequencies_hz", "one of the two", "remove the other")
+            yield both if given else Finding(("frequencies_hz",), missing=True)
             return
         key = given[0]
         if bad := [value for row in getattr(self, key) for value in row if value <= 0]:
-            yield Finding(
-                (key,), f"found {bad[0]:g}", "numbers above 0", "correct it, or write nan where none was found"
-            )
+            remedy = "correct it, or write nan where none was found"
+            yield Finding((key,), f"found {bad[0]:g}", "numbers above 0", remedy)
         absolute, other = ("eigenvalue_sd", "sd_hz") if key == "eigenvalues" else ("sd_hz", "eigenvalue_sd")
         if max(getattr(self, other)) > 0:
             yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")

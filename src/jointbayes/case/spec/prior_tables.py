@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
 
@@ -228,21 +228,18 @@ def _uniform_prior(axis: Coordinate) -> type[Spec]:
     return BoundedPriorSpec
 
 
-def _prior_table(axis: Coordinate) -> Any:  # noqa: ANN401 (the type is that of pydantic's fields)
-    text = f"the prior of {axis.name}, {axis.words} ({ascii_unit(axis.unit)}): its distribution and constants"
-    kinds: Any = PriorSpec if axis.logarithmic else _uniform_prior(axis)
-    return Annotated[kinds | None, Field(description=text)], None
-
-
 if TYPE_CHECKING:
 
     class PriorsSpec(Spec):
         """The priors, one for each of `JointSpec.coordinates`."""
 
 else:
-    PriorsSpec = create_model(
-        "PriorsSpec", __base__=Spec, **{name: _prior_table(axis) for name, axis in _COORDINATES.items()}
-    )
+    _priors = {}
+    for _axis in _COORDINATES.values():
+        _text = f"the prior of {_axis.name}, {_axis.words} ({ascii_unit(_axis.unit)}): its distribution and constants"
+        _kinds = PriorSpec if _axis.logarithmic else _uniform_prior(_axis)
+        _priors[_axis.name] = Annotated[_kinds | None, Field(description=_text)], None
+    PriorsSpec = create_model("PriorsSpec", __base__=Spec, **_priors)
 
 
 _SD_PERCENT = key_field("the standard deviation in percent of the value, a number greater than 0", 2.0)

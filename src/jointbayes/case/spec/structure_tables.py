@@ -19,7 +19,6 @@ from pydantic import (
     Field,
     PrivateAttr,
     Strict,
-    ValidatorFunctionWrapHandler,
     WrapValidator,
 )
 
@@ -66,11 +65,6 @@ LAW = key_field('the damping law, "modal", "loss_factor" or "rayleigh"', "modal"
 _RATIO = key_field("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
 
 
-def _or_measured(value: object, ratios: ValidatorFunctionWrapHandler) -> object:
-    """No ratio where they are to be those that the data show."""
-    return () if value == "measured" else ratios(value)
-
-
 class DampingSpec(Spec):
     """What is asked of a damping law's table."""
 
@@ -97,7 +91,7 @@ class ModalDampingSpec(DampingSpec):
     """
 
     law: Annotated[Literal["modal"], LAW]
-    ratio: Annotated[Ratios, WrapValidator(_or_measured), _RATIO]
+    ratio: Annotated[Ratios, WrapValidator(lambda value, each: () if value == "measured" else each(value)), _RATIO]
 
     @property
     def values(self) -> dict[str, tuple[float, ...]]:
@@ -222,12 +216,8 @@ else:
 POINT = re.compile(r"[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
-def _point_name(name: object) -> object:
-    return str(name) if type(name) is int else name
-
-
 #: The name of a point; a number stands for its digits.
-PointName = Annotated[str, BeforeValidator(_point_name)]
+PointName = Annotated[str, BeforeValidator(lambda name: str(name) if type(name) is int else name)]
 
 Absence = tuple[str, str, str]
 """What was found where a DOF does not exist, what is expected, and what to do."""
@@ -715,9 +705,8 @@ class FrameSpec(BeamsSpec, StructureBase):
     @property
     def all_bodies(self) -> dict[str, BodySpec]:
         """Bodies by their names; a single one may have none."""
-        return self.bodies or {
-            "": BodySpec.model_construct(points=self.points, members=self.members, masses=self.masses)
-        }
+        own = BodySpec.model_construct(points=self.points, members=self.members, masses=self.masses)
+        return self.bodies or {"": own}
 
     @property
     def stated(self) -> dict[str, tuple[str, float]]:
@@ -780,9 +769,8 @@ class FrameSpec(BeamsSpec, StructureBase):
                 if not (self.section or body.section or (member and member.section)):
                     where = (*loc, "members", i) if member else loc or ("section",)
                     expected = "a section of each member, or one of its body or of the frame for all"
-                    yield Finding(
-                        where, "no section", expected, 'add section = { shape = "circle", diameter_mm = 25.0 }'
-                    )
+                    remedy = 'add section = { shape = "circle", diameter_mm = 25.0 }'
+                    yield Finding(where, "no section", expected, remedy)
 
 
 _MOST_NODE = 1_000_000_000
