@@ -467,13 +467,13 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
     first_by_quantity: dict[str, tuple[str, JointSpec]] = {}
     for test, spec in specs.items():
         for name, joint in spec.all_joints.items():
-            for key in () if joint.own else (prior_table(name), (*joint_table(name), "initial")):
-                if key in texts[test].own:
-                    fault, remedy = (
+            for stated in () if joint.own else (prior_table(name), (*joint_table(name), "initial")):
+                if stated in texts[test].own:
+                    fault, expected = (
                         "found it for one test, of a joint that all tests share",
-                        "add it, or state this for all",
+                        "it for all, or own = true",
                     )
-                    yield test, Finding(key, fault, "own = true in the table of the joint", f"{remedy} tests")
+                    yield test, Finding(stated, fault, expected, "state it for all tests, or make the joint their own")
             if name in spec.sharing:
                 continue
             first, other = first_by_quantity.setdefault(spec.joint_of_test(test, name)[1], (test, joint))

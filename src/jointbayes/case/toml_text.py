@@ -8,7 +8,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from functools import lru_cache, reduce
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -193,7 +193,9 @@ def parse_toml(text: str, name: str) -> dict[str, object]:
     if _depth(data) > _MOST_DEPTH:
         raise CaseError(_too_deep(name, 1))
     for place in _TABLES_OF_TESTS:  # where both names are there neither changes
-        table: Any = reduce(lambda of, key: of.get(key, {}), place, data)
+        table: Any = data
+        for part in place:
+            table = table.get(part, {})
         if isinstance(table, dict) and "setups" in table and "tests" not in table:
             table["tests"] = table.pop("setups")
     return data
