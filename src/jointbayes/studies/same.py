@@ -169,7 +169,8 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     (z_one, draws_of_one), (z_two, draws) = found
     if not len(draws.theta):
         raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
-    likely = float(np.logaddexp.reduce(np.log(draws.weight) + _log_prior_of_change(own, draws.theta)))
+    log_weight = draws.log_weight - np.logaddexp.reduce(draws.log_weight)
+    likely = float(np.logaddexp.reduce(log_weight + _log_prior_of_change(own, draws.theta)))
     table = EvidenceTable({"one joint": z_one.log_z, "a joint each": z_two.log_z + likely})
     fewest, error = min(draws_of_one.effective, draws.effective), max(z_one.error, z_two.error)
     trusted = z_one.trusted and z_two.trusted and fewest >= _FEWEST
