@@ -14,6 +14,7 @@ import jointbayes as jb
 from benchmarks.exact_data import SUBJECTS, Edits, beyond, draw
 from benchmarks.page import table
 from benchmarks.study import Row, Study, coverage, holds, outcome
+from jointbayes.posterior.verdicts import mode_agrees
 
 #: Kind of those data sets whose truth lies beyond a bound.
 BEYOND = "beyond a bound"
@@ -36,7 +37,7 @@ def analysed(kind: str, index: int, edits: Edits = ()) -> Row:
             settings = dataclasses.replace(data.case.sampler, end_tolerance=LONGER)
             longer = longer or jb.sample(data.case, seed=index, settings=settings)
             known["interval999"] = list(longer.interval(name, 0.999))
-    return {**row, "mode_agrees": posterior.mode_agrees, "judged": bound and bound[0]}
+    return {**row, "mode_agrees": mode_agrees(posterior), "judged": bound and bound[0]}
 
 
 def summary(rows: Sequence[Row]) -> Row:

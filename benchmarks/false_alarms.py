@@ -18,7 +18,7 @@ from benchmarks.page import table
 from benchmarks.record import ROOT
 from benchmarks.study import Row, Study
 from jointbayes.case.case_text import read_case_text
-from jointbayes.posterior.checks import FALSE_ALARM
+from jointbayes.posterior.checks import FALSE_ALARM, checks_of
 
 #: Shipped case of each kind.
 KINDS = {
@@ -70,7 +70,7 @@ def analyse(kind: str, index: int, settings: jb.SamplerSettings | None = None) -
     problem = problem_of(kind, index, case)
     subject = case if problem is case.problem else replace(case, problem=problem)
     posterior = jb.sample(subject, seed=index, settings=settings or case.sampler)
-    return {"findings": [check.finding for check in posterior.checks if check.finding != "explained"]}
+    return {"findings": [check.finding for check in checks_of(posterior) if check.finding != "explained"]}
 
 
 def summary(rows: Sequence[Row]) -> Row:

@@ -21,6 +21,7 @@ from scipy import stats
 import jointbayes as jb
 from benchmarks.record import ROOT
 from benchmarks.study import Row, Study
+from jointbayes.posterior.sampled import by_ensemble
 from jointbayes.sampling import INTERVAL, quantile_error
 
 CASES = tuple(sorted(path.stem for path in (ROOT / "configs").glob("*.toml")))
@@ -33,7 +34,7 @@ def measure(case: str, seed: int) -> Row:
     """Ends [lower, upper] and stated errors of one case at one seed, by stiffness."""
     posterior = jb.sample(jb.load_case(ROOT / "configs" / f"{case}.toml"), seed=seed)
     names = posterior.stiffness_names
-    draws = {name: posterior.by_ensemble(name) for name in names}
+    draws = {name: by_ensemble(posterior, name) for name in names}
     return {
         "converged": posterior.converged,
         "ends": {name: np.quantile(draws[name], INTERVAL).tolist() for name in names},

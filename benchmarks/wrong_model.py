@@ -30,6 +30,7 @@ from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.frf import AssembledShapes, NaturalFrequencies
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.joint import AnyJoint
+from jointbayes.posterior.model_errors import model_error_of
 from jointbayes.structure import Structure
 from vibrecords import Antiresonances, ModeData, ModeShapes, Observed
 
@@ -95,12 +96,12 @@ def analyse(wrong: str, beam: str, index: int) -> Row:
         tests.append(replace(test, data=data, noise=ModelErrorNoise.of(data, ErrorSizes())))
     problem = replace(case.problem, tests=tuple(tests))
     posterior = jb.sample(problem, seed=index, premises="usual")
-    assert posterior.model_error is not None
+    assert model_error_of(posterior) is not None
     said = outcome(posterior, dict(zip(posterior.stiffness_names, truth.tolist(), strict=True)))
     for name, one in said["known"].items():
         low, high = posterior.interval(name, 0.999)
         one["outside"] = not low <= one["truth"] <= high
-    return {**said, "wrong": wrong, "grade": posterior.model_error.grade}
+    return {**said, "wrong": wrong, "grade": model_error_of(posterior).grade}
 
 
 def _measured(

@@ -27,10 +27,10 @@ from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
-from jointbayes.posterior import Posterior
+from jointbayes.posterior import Posterior, knowledge
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
-from jointbayes.report import ReportInputs, drawing
+from jointbayes.report import ReportInputs, drawing, run_directory
 from jointbayes.sampling import SamplerSettings, distributions
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.verdict_rule import VerdictRule
@@ -158,11 +158,12 @@ def plain_reports() -> Iterator[None]:
     blank = '<svg xmlns="http://www.w3.org/2000/svg" width="72pt" height="36pt"/>'
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "svg", lambda *_: blank)
-        patch.setattr(posterior_module, "_profiles", lambda *_: ())
+        patch.setattr(posterior_module, "profiles_of", lambda *_: ())
         patch.setattr(case, "find_numbering", lambda *_: None)
         # not kept with a posterior that other tests share: what they ask of it is whole
-        patch.setattr(Posterior, "rows", property(posterior_module.effect_of_uncertain_inputs))
-        patch.setattr(Posterior, "_exact_inputs", property(lambda _: {}))
+        for module in (posterior_module, knowledge, run_directory):
+            patch.setattr(module, "rows_of", knowledge.effect_of_uncertain_inputs)
+        patch.setattr(knowledge, "exact_inputs_of", lambda _: {})
         yield
 
 
@@ -193,8 +194,9 @@ def _rough_proposals() -> Iterator[None]:
 
 def judged_as(again: Posterior, posterior: Posterior) -> Posterior:
     """A posterior with what was already found of another one of the same draws: its ends are not searched again."""
-    own = {*vars(again), "_judged"}  # verdicts may differ
-    vars(again).update({name: found for name, found in vars(posterior).items() if name not in own})
+    own = {key for key in posterior._found if key[0] in ("judge_stiffness", "simpler_joints", "directions_of")}
+    again._found.update({key: posterior._found[key] for key in posterior._found.keys() - again._found.keys() - own})
+    vars(again).update({name: found for name, found in vars(posterior).items() if name not in vars(again)})
     return again
 
 

@@ -12,6 +12,7 @@ from benchmarks import example_figures, numbers, quoted
 
 import jointbayes as jb
 from jointbayes.cli.common import draw
+from jointbayes.posterior.sampled import by_ensemble
 from tests.conftest import cli, first_in_ci
 
 pytestmark = pytest.mark.docs
@@ -86,7 +87,7 @@ def require_the_figures_of_arviz(posterior, summary):
     for name, entry in summary["parameters"].items():
         values = posterior.values(name)
         # each ensemble one chain, in the order of its steps: the halves are then those of all its walkers
-        pooled = np.ascontiguousarray(posterior.by_ensemble(name)).reshape(posterior.by_ensemble(name).shape[0], -1)
+        pooled = np.ascontiguousarray(by_ensemble(posterior, name)).reshape(by_ensemble(posterior, name).shape[0], -1)
         assert entry["r_hat"] == pytest.approx(float(arviz.rhat(pooled)), abs=2e-3)
         scale = np.log(values) if (values > 0).all() else values
         for method in ("bulk", "tail"):

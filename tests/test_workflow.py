@@ -204,6 +204,7 @@ def posterior_of(problem, sampled):
     value = problem.log_posterior(theta)
     theta, value = theta[np.isfinite(value)][:40], value[np.isfinite(value)][:40]
     from jointbayes.identification import MapEstimate
+    from jointbayes.posterior.sampled import BestDraw
     from jointbayes.posterior.storage import draws_tree
     from jointbayes.sampling import Draws
 
@@ -215,7 +216,7 @@ def posterior_of(problem, sampled):
     sampler = {**sampled.record.sampler, "tau": figures, "ess": figures}
     record = dataclasses.replace(sampled.record, case_name=problem.name, sampler=sampler, r_hat=figures)
     return dataclasses.replace(
-        sampled, problem=problem, tree=tree, record=record, estimate=estimate, mode_theta=best, mode_log_density=height
+        sampled, problem=problem, tree=tree, record=record, estimate=estimate, best=BestDraw(best, height)
     )
 
 

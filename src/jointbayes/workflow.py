@@ -32,6 +32,7 @@ from jointbayes.posterior.coordinates import coordinate_systems, judged_quantiti
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
 from jointbayes.posterior.knowledge import assumed_beyond
 from jointbayes.posterior.run_record import sampler_figures
+from jointbayes.posterior.sampled import BestDraw, recall
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
@@ -361,7 +362,7 @@ def _posterior(run: _Run, efficiency: float, chains: Chains) -> Posterior:
         package_versions(),
     )
     tree = draws_tree(problem, chains.draws(), problem.prior.sample(run.generator(_PRIOR), _PRIOR_DRAWS))
-    return Posterior(problem, tree, estimate, *mode, record, run.case)
+    return Posterior(problem, tree, estimate, BestDraw(*mode), record, run.case)
 
 
 def _on_one_hill(problem: Problem, lower: Array, height: float, top: Array) -> bool:
@@ -435,9 +436,11 @@ def load_posterior(path: str | os.PathLike[str], problem: Problem | None = None)
     from jointbayes.posterior.stored_file import one_line_of, read_posterior
 
     problem, tree, read = read_posterior(path, problem)
-    record, mode, case = read.record, read.mode, None
+    record, case = read.record, None
     if record.case_text:
         with one_line_of(os.fspath(path)):
             case = case_around(problem, record.case_text, stated=read.of_case_text)
     estimate = replace(read.map, iteration=identify(case or problem) if part_to_iterate(problem) is not None else None)
-    return Posterior(problem, tree, estimate, mode.theta, mode.log_density, record, case, read.knowledge)
+    posterior = Posterior(problem, tree, estimate, read.mode, record, case)
+    recall(posterior, read.found)
+    return posterior

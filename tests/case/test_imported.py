@@ -9,6 +9,7 @@ from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.case.case_objects import _read, _reduced
+from jointbayes.posterior.model_errors import mesh_of
 from jointbayes.structure.imported import reduction
 from tests.case.refusal_rows import parts_named
 from tests.conftest import FEW_STEPS
@@ -121,13 +122,13 @@ def test_a_stored_posterior_needs_no_model_any_more(home, tmp_path):
     again = jb.load_posterior(tmp_path / "posterior.nc")
     theta = posterior.thinned(20)
     np.testing.assert_array_equal(again.problem.log_posterior(theta), posterior.problem.log_posterior(theta))
-    assert again.mesh is not None
-    assert "vectors stand for 42 DOFs" in again.mesh.sentence
+    assert mesh_of(again) is not None
+    assert "vectors stand for 42 DOFs" in mesh_of(again).sentence
 
 
 def test_the_reduction_is_checked_as_a_mesh_is(home):
     path = write(home, ('file = "beam.npz"', 'file = "beam.npz"\ntop_hz = 2000.0'))
-    mesh = jb.sample(jb.load_case(path), seed=1, settings=FEW_STEPS).mesh
+    mesh = mesh_of(jb.sample(jb.load_case(path), seed=1, settings=FEW_STEPS))
     assert mesh is not None
     assert mesh.within
     assert mesh.kind == "reduced"

@@ -329,10 +329,13 @@ def test_check_allows_exact_data_half_a_per_cent(cheap_posterior):
 
 def test_check_fails_without_convergence_or_with_another_mode_than_the_map(cheap_posterior):
     assert failures(unsettled(cheap_posterior)) == ["sampler"]
-    elsewhere = dataclasses.replace(cheap_posterior, mode_log_density=cheap_posterior.mode_log_density + 1.0)
+    best = cheap_posterior.best
+    elsewhere = dataclasses.replace(cheap_posterior, best=dataclasses.replace(best, log_density=best.log_density + 1.0))
     assert failures(elsewhere) == []  # the same point
-    theta = cheap_posterior.mode_theta + np.array([0.1, 0.0, 0.0])
-    assert failures(dataclasses.replace(elsewhere, mode_theta=theta)) == ["mode against MAP"]
+    theta = best.theta + np.array([0.1, 0.0, 0.0])
+    assert failures(dataclasses.replace(elsewhere, best=dataclasses.replace(elsewhere.best, theta=theta))) == [
+        "mode against MAP"
+    ]
 
 
 @pytest.mark.parametrize("k12", ["0.0", "-3.44e7"])

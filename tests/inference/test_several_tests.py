@@ -8,6 +8,7 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import JointPrior, Normal, Nuisance, ScaledNoise, Uniform
 from jointbayes.joint import Joint, LogStiffness, blocks_of
+from jointbayes.posterior.checks import checks_of
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
 from tests.one_line import refused
@@ -194,7 +195,7 @@ def test_a_posterior_of_tests_is_checked_and_predicts_each_of_them():
     for name, k in zip(PAIR.stiffness_names, TABLE_3, strict=True):
         low, high = posterior.interval(name, 0.9999)
         assert low < k < high, name
-    assert [check.test for check in posterior.checks] == ["long", "heard"]
+    assert [check.test for check in checks_of(posterior)] == ["long", "heard"]
     assert posterior.check.explains
     assert posterior.check.sentence.startswith("Test ")
     predicted = posterior.predict_natural_frequencies(4, 50, test="heard").mean(axis=0)

@@ -11,6 +11,7 @@ from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises
+from jointbayes.posterior.compared_frfs import compared_frfs_of
 from jointbayes.posterior.decision import (
     TYPED,
     UsedMode,
@@ -21,10 +22,12 @@ from jointbayes.posterior.decision import (
     decide,
     is_of_measured_frfs,
     modes_problem,
+    premises_of,
     premises_sentences,
+    unseen_inputs,
     why_by_modes,
 )
-from jointbayes.posterior.model_errors import InferredError
+from jointbayes.posterior.model_errors import InferredError, model_error_of
 from jointbayes.workflow import answered_problem
 from tests.conftest import CLAMP, CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, pair_matrix, rod, shipped_without
 from vibrecords import ModeData, Observed
@@ -204,7 +207,7 @@ def test_a_posterior_of_modes_is_kept_with_the_frfs_that_show_them(cheap_case, t
         assert again.interval(name) == of_modes.interval(name)
         low, high = of_modes.verdict(name).interval  # NaN where nothing is printed
         assert (truth < low, truth > high) == (False, False), name
-    assert of_modes.model_error.grade == "usual"
+    assert model_error_of(of_modes).grade == "usual"
 
 
 @pytest.mark.science
@@ -233,10 +236,10 @@ def test_frfs_in_another_unit_are_named_and_their_modes_say_the_same(cheap_case)
         problem = cheap_case.problem.with_test(data=measured)
         answers.append(jb.sample(replace(cheap_case, problem=problem, stated=problem, tests=()), seed=1))
     right, wrong = answers
-    assert [frf.faults for frf in right.compared_frfs[""]] == [()]
-    assert not any("times as large" in sentence for sentence in right.premises_sentences)
-    assert [frf.faults for frf in wrong.compared_frfs[""]] == [("level",)]
-    assert re.search(r"The FRFs are (9\d\d|1[01]\d\d) times as large as", " ".join(wrong.premises_sentences))
+    assert [frf.faults for frf in compared_frfs_of(right)[""]] == [()]
+    assert not any("times as large" in sentence for sentence in premises_of(right))
+    assert [frf.faults for frf in compared_frfs_of(wrong)[""]] == [("level",)]
+    assert re.search(r"The FRFs are (9\d\d|1[01]\d\d) times as large as", " ".join(premises_of(wrong)))
     numbers = [[mode.number for mode in answer.problem.premises.modes] for answer in answers]
     assert numbers[0] == numbers[1]
 
@@ -273,7 +276,7 @@ def test_typed_modes_have_an_error_of_the_model_unless_it_is_exact_and_say_what_
     assert tuple(nuisance.name for nuisance in answered.prior.nuisances) == uncertain
     assert (answered.premises.reason == TYPED) == error
     assert not answered.premises.of_modes
-    sentences = replace(frequency_posterior, problem=answered).unseen_inputs
+    sentences = unseen_inputs(answered)
     assert [said in sentence for sentence in sentences] == [True] * bool(said)
 
 

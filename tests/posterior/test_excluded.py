@@ -108,9 +108,9 @@ def test_twice_the_fall_of_the_log_likelihood_is_held_against_the_limit(joint, m
     posterior = SimpleNamespace(
         problem=problem,
         estimate=SimpleNamespace(theta=at, modes=(None,), starts_for_draws=((at, np.eye(3)),)),
-        mode_theta=at,
+        best=SimpleNamespace(theta=at),
         thinned=lambda _: at + np.linspace(-0.01, 0.01, 5)[:, None],
-        solutions=SimpleNamespace(nearest=lambda points: np.zeros(len(points), dtype=int)),
+        _found={("solutions_of",): SimpleNamespace(nearest=lambda points: np.zeros(len(points), dtype=int))},
     )
     joints = by_kind(simpler_joints(posterior))
     rigid = joints["rigid"]
@@ -147,7 +147,9 @@ def test_what_else_is_uncertain_is_fitted_anew(bounded, of_bounded, monkeypatch)
     uncertain = two_lengths(exact(TABLE_3), "\n[uncertain.youngs_modulus]\nsd_percent = 1.0\n").problem
     modulus = 0.01 * np.random.default_rng(1).normal(size=(len(bounded.theta), 1))
     at = np.append(bounded.estimate.theta, 0.0)
-    posterior = replace(bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), mode_theta=at)
+    posterior = replace(
+        bounded, problem=uncertain, estimate=replace(bounded.estimate, theta=at), best=replace(bounded.best, theta=at)
+    )
     posterior.__dict__["theta"] = np.hstack([bounded.theta, modulus])
     monkeypatch.setattr("jointbayes.posterior.knowledge.known_by_bounds", lambda _: ("",))
     freed = by_kind(simpler_joints(posterior))["rigid"]
@@ -202,11 +204,11 @@ def test_terminal_page_one_and_summary_say_what_is_excluded(stated, capsys):
 @pytest.mark.whole
 def test_what_is_excluded_is_in_a_file_and_found_anew_for_one_that_lacks_it(bounded, of_bounded, tmp_path, monkeypatch):
     knowledge = of_bounded.knowledge
-    bounded.save(tmp_path / "draws.nc", knowledge)
+    bounded.save(tmp_path / "draws.nc")
     kept = jb.load_posterior(tmp_path / "draws.nc")
-    older = judged_as(replace(bounded, _kept_knowledge=replace(knowledge.kept, simpler=None)), bounded)
+    older = judged_as(replace(bounded), bounded)
     assert gather_knowledge(older).simpler == knowledge.simpler
-    monkeypatch.setattr("jointbayes.posterior.posterior.simpler_joints", lambda _: pytest.fail("kept"))
+    monkeypatch.setattr("jointbayes.posterior.knowledge.known_by_bounds", lambda _: pytest.fail("kept"))
     assert gather_knowledge(judged_as(kept, bounded)).simpler == knowledge.simpler
 
 

@@ -2,10 +2,8 @@
 
 import dataclasses
 import datetime
-import json
 import math
-from dataclasses import asdict, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +13,9 @@ from jointbayes.cli.common import print_summary
 from jointbayes.inference import workshop
 from jointbayes.phrases import NO_VALID_VALUE
 from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior.diagnosis import diagnosis_of
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import (
-    KeptKnowledge,
     UncertainInputsRow,
     assumed_beyond,
     effect_of_uncertain_inputs,
@@ -29,7 +27,6 @@ from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
-from jointbayes.stored_values import stored_value
 from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, on_one_line, plain_reports
 
 DATE = datetime.date(2026, 1, 5)
@@ -111,8 +108,10 @@ def test_what_helps_is_said_where_the_misfit_is(wrong, of_wrong):
     built, summary = of_wrong
     assert summary["check"]["finding"] == "misfit"
     assert summary["check"]["causes"][0].startswith("frequencies")
-    assert wrong.diagnosis.advice[0] in next(b.text for b in built.lead if getattr(b, "text", "").startswith("**Next"))
-    assert summary["check"]["diagnosis"] == wrong.diagnosis.sentence
+    assert diagnosis_of(wrong).advice[0] in next(
+        b.text for b in built.lead if getattr(b, "text", "").startswith("**Next")
+    )
+    assert summary["check"]["diagnosis"] == diagnosis_of(wrong).sentence
     worst = max(abs(r["error_percent"]) for r in summary["fit"]["resonances"])
     assert f"off by up to {worst:.2g} %" in summary["check"]["diagnosis"]
     captions = {b.caption: b for b in built.blocks() if isinstance(b, Table)}
@@ -409,7 +408,7 @@ def test_where_all_is_known_the_usual_uncertainty_is_assumed_and_said_to_be(chea
 
 
 def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap_posterior, cheap_inputs, tmp_path):
-    cheap_posterior.save(tmp_path / "posterior.nc", cheap_inputs.knowledge)
+    cheap_posterior.save(tmp_path / "posterior.nc")
     under = jb.load_posterior(tmp_path / "posterior.nc").under
     (workshop,) = under.values()
     assert list(under) == ["workshop"]
@@ -459,12 +458,14 @@ def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
 
 
 @pytest.mark.whole
-def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(uncertain, gathered, monkeypatch):
-    text = json.dumps(asdict(gathered.kept), default=lambda x: x.value if isinstance(x, Enum) else x.tolist())
-    kept = stored_value(KeptKnowledge, json.loads(text), "")
-    for name in ("_profiles", "effect_of_uncertain_inputs"):
-        monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found anew"))
-    again = gather_knowledge(judged_as(replace(uncertain, _kept_knowledge=kept), uncertain))
+def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(
+    uncertain, gathered, tmp_path, monkeypatch
+):
+    uncertain.save(tmp_path / "posterior.nc")
+    kept = jb.load_posterior(tmp_path / "posterior.nc")
+    for name in ("region_of", "effect_of_uncertain_inputs"):
+        monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
+    again = gather_knowledge(judged_as(kept, uncertain))
     assert repr(again.freed) == repr(gathered.freed)
     assert again.assumed == gathered.assumed
     assert again.next_steps == gathered.next_steps != ()

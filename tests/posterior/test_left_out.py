@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior.prediction import predict_left_out, sentence_of_left_out
+from jointbayes.posterior.prediction import left_out_of, predict_left_out, sentence_of_left_out
 from tests.conftest import cli
 
 # three masses on three equal springs: one unknown
@@ -89,9 +89,9 @@ def test_modes_left_out_do_not_enter_the_estimate():
 @pytest.mark.whole
 def test_a_right_model_predicts_what_was_left_out():
     posterior = jb.sample(case(modes_of(frequencies(), ERROR)), seed=1)
-    predicted = posterior.predict_left_out()
+    predicted = left_out_of(posterior)
     assert sentence_of_left_out(predicted) == "Left out and predicted: 2 of 2 inside 95 % intervals."
-    narrower = posterior.predict_left_out(0.5)
+    narrower = left_out_of(posterior, 0.5)
     assert (narrower[0].high - narrower[0].low < predicted[0].high - predicted[0].low).all()
 
 
@@ -112,7 +112,7 @@ def test_a_wrong_model_is_seen_to_fail_in_report_summary_and_terminal(tmp_path, 
     assert "Left out and predicted: 0 of 2 inside 95\u00a0% intervals" in html
     assert "they hold neither its own error nor a measurement" in html
     posterior = jb.load_posterior(out / "posterior.nc")
-    assert sentence_of_left_out(posterior.predict_left_out()) == said["sentence"]
+    assert sentence_of_left_out(left_out_of(posterior)) == said["sentence"]
 
 
 BAND = f"""
@@ -172,7 +172,7 @@ def test_a_test_left_out_is_predicted_from_the_others():
 
 
 def test_a_summary_of_nothing_left_out_says_so(cheap_posterior):
-    assert cheap_posterior.predict_left_out() == ()
+    assert left_out_of(cheap_posterior) == ()
     assert cheap_posterior.summary().to_dict()["left_out"] is None
 
 

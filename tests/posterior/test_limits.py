@@ -17,8 +17,9 @@ from jointbayes.joint import parametrisation_named
 from jointbayes.phrases import Reason
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import assess, with_test_alone
+from jointbayes.posterior.knowledge import profiles_of
 from jointbayes.posterior.limits import FALL, LikelihoodRegion
-from jointbayes.posterior.posterior import _profiles
+from jointbayes.posterior.verdicts import region_of
 from jointbayes.report.sections.intervals import verdict_sentences
 from jointbayes.rounding import quantity_text, with_interval
 from jointbayes.verdict_rule import RULE
@@ -183,7 +184,7 @@ def test_an_end_is_open_where_the_prior_ends_before_the_likelihood_has_fallen_fa
 def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""
     posterior = jb.sample(jb.load_case(CONFIGS / "clamped_beam_frequencies_360mm.toml"), seed=1, settings=TO_CONVERGE)
-    region, index = posterior.likelihood_region, posterior.stiffness_names.index("k22")
+    region, index = region_of(posterior), posterior.stiffness_names.index("k22")
     profile, found = region.profile("k22"), region.limits(index)
     assert not profile.open_above
     assert np.log(found) == pytest.approx(profile.interval, abs=1e-9)
@@ -259,21 +260,21 @@ def heights_at(region, at, profile) -> np.ndarray:
     return region._height(best) - region.greatest
 
 
-def test_limits_equal_the_ends_of_profiles(cheap_posterior):
+def test_limits_equal_the_ends_ofprofiles_of(cheap_posterior):
     for index, name in enumerate(PAIR.stiffness_names):
-        region = cheap_posterior.likelihood_region
+        region = region_of(cheap_posterior)
         profile, limits = region.profile(name), region.limits(index)
         assert np.log(limits) == pytest.approx(profile.interval, abs=1e-9)
         assert heights_at(region, index, profile) == pytest.approx(-FALL, abs=1e-4)
 
 
 def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
-    for profile in _profiles(cheap_posterior):
+    for profile in profiles_of(cheap_posterior):
         verdict = cheap_posterior.verdict(profile.name)
         if verdict.cls != "identified":
             assert profile.interval == pytest.approx(np.log(verdict.likelihood95), abs=1e-12)
             assert not profile.open_below | profile.open_above
-    assert [profile.name for profile in _profiles(cheap_posterior)] == list(PAIR.stiffness_names)
+    assert [profile.name for profile in profiles_of(cheap_posterior)] == list(PAIR.stiffness_names)
 
 
 def test_a_profile_is_open_where_the_limits_are():
@@ -296,14 +297,14 @@ def test_a_profile_is_open_where_the_limits_are():
 
 def with_limits(posterior: Posterior, low: float, high: float) -> Posterior:
     """A copy of a posterior whose likelihood has other limits."""
-    return with_cached(posterior, likelihood_region=SimpleNamespace(limits=lambda _: (low, high)))
+    return with_cached(posterior, region_of=SimpleNamespace(limits=lambda _: (low, high)))
 
 
 def test_a_verdict_has_the_interval_of_the_draws_and_the_limits_of_the_likelihood(cheap_posterior):
     for index, name in enumerate(("k11", "k12")):
         known = cheap_posterior.verdict(name)
         assert known.cls != "identified"
-        assert known.likelihood95 == cheap_posterior.likelihood_region.limits(index)
+        assert known.likelihood95 == region_of(cheap_posterior).limits(index)
         assert known.interval == pytest.approx(cheap_posterior.interval(name), rel=1e-12)
     identified = cheap_posterior.verdict("k22")
     assert identified.cls == "identified"
@@ -312,7 +313,7 @@ def test_a_verdict_has_the_interval_of_the_draws_and_the_limits_of_the_likelihoo
 
 def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posterior, monkeypatch):
     monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
-    lost = with_cached(cheap_posterior, likelihood_region=None)
+    lost = with_cached(cheap_posterior, region_of=None)
     assert np.isnan(lost.verdict("k11").likelihood95).all()
     monkeypatch.undo()
     failed = unsettled(lost)

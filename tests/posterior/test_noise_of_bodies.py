@@ -11,7 +11,8 @@ from jointbayes.errors import ModelError
 from jointbayes.frf import MeasuredBody, NoisePropagation, Ports, Substructures
 from jointbayes.inference import Problem, Test
 from jointbayes.posterior import Posterior, data_sha256
-from jointbayes.posterior.model_errors import DOUBTFUL, noise_of_bodies
+from jointbayes.posterior.diagnosis import diagnosis_of
+from jointbayes.posterior.model_errors import DOUBTFUL, measured_bodies_of, noise_of_bodies
 from jointbayes.posterior.verdicts import reason_lines
 from jointbayes.report.contents import build_report
 from jointbayes.report.inputs import ReportInputs
@@ -34,7 +35,7 @@ def ignoring() -> Posterior:
 
 @pytest.mark.whole
 def test_where_the_noise_counts_the_verdicts_are_as_ever(posterior):
-    found = posterior.noise_of_bodies
+    found = measured_bodies_of(posterior)
     assert found is not None
     assert found.within
     assert "is propagated to first order" in found.sentence
@@ -59,7 +60,7 @@ def test_where_the_noise_is_ignored_verdicts_summary_and_report_say_so(posterior
     assert not table["within_bound"]
     assert "Intervals are too narrow." in str(summary)
     assert not ignoring.check.explains
-    assert "let it count (propagate = true)" in ignoring.diagnosis.sentence
+    assert "let it count (propagate = true)" in diagnosis_of(ignoring).sentence
     inputs = ReportInputs(ignoring)
     report = build_report(inputs, datetime.date(2026, 11, 22))
     (lights,) = (block for block in report.lead if isinstance(block, Lights))
@@ -76,7 +77,7 @@ def test_a_posterior_is_loaded_without_the_files_of_its_bodies(posterior, tmp_pa
     posterior.save(path)
     again = load_posterior(path)
     assert (again.stiffness == posterior.stiffness).all()
-    assert again.noise_of_bodies == posterior.noise_of_bodies
+    assert measured_bodies_of(again) == measured_bodies_of(posterior)
     (body,), (stored,) = posterior.problem.test.measured_bodies, again.problem.test.measured_bodies
     assert (stored.receptance == body.receptance).all()
     assert (stored.covariance == body.covariance).all()
@@ -137,7 +138,7 @@ def test_lines_at_which_the_first_order_is_doubtful_are_named(posterior):
     (body,) = problem.test.measured_bodies
     noisy = replace(body, covariance=body.covariance * 15**2)
     found = noise_of_bodies(problem.with_test(structure=Substructures(problem.test.structures, (noisy,))), theta)
-    usual = posterior.noise_of_bodies
+    usual = measured_bodies_of(posterior)
     assert found.largest_sd == pytest.approx(15 * usual.largest_sd)
     assert found.largest_sd > DOUBTFUL
     assert not found.within
@@ -186,7 +187,7 @@ def test_one_measurement_of_a_body_in_two_tests_is_refused():
 def test_of_several_tests_the_worst_is_told(posterior):
     first, second = posterior.problem, data_set("counted", 2)
     (body,) = second.test.measured_bodies
-    theta, lone = posterior.estimate.theta, posterior.noise_of_bodies
+    theta, lone = posterior.estimate.theta, measured_bodies_of(posterior)
     noisy = second.with_test(
         structure=Substructures(second.test.structures, (replace(body, covariance=225 * body.covariance),))
     )

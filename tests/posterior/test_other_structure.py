@@ -8,6 +8,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior import other_structure
+from jointbayes.posterior.model_errors import model_error_of
 from jointbayes.rounding import number
 from jointbayes.studies.lobes import Cut, limiting_depth
 from jointbayes.studies.predict import read_other
@@ -108,7 +109,7 @@ def test_the_modulus_that_the_run_inferred_is_shared_draw_by_draw_unless_it_is_s
 
 
 def test_the_error_of_the_model_is_as_large_as_the_data_show_it(wrong_model):
-    shown = wrong_model.model_error
+    shown = model_error_of(wrong_model)
     assert shown is not None
     found = wrong_model.predict(recipe_of(wrong_model), TIP)
     assert any("error in natural frequencies" in sentence for sentence in found.premises)

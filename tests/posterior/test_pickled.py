@@ -26,5 +26,5 @@ def test_the_density_of_a_case_is_the_same_in_another_process(name):
 def test_a_posterior_of_frfs_can_be_pickled(cheap_posterior):
     again = pickle.loads(pickle.dumps(cheap_posterior))
     assert again.theta.tobytes() == cheap_posterior.theta.tobytes()
-    mode = cheap_posterior.mode_theta
+    mode = cheap_posterior.best.theta
     assert again.problem.log_posterior(mode) == cheap_posterior.problem.log_posterior(mode)

@@ -12,7 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 import jointbayes as jb
 from jointbayes.frf import receptance_model
 from jointbayes.posterior import assess, data_sha256, summarise
+from jointbayes.posterior.posterior import region_level
+from jointbayes.posterior.sampled import BestDraw
 from jointbayes.posterior.storage import RECORD
+from jointbayes.posterior.verdicts import mode_agrees, mode_distance
 from jointbayes.sampling.diagnostics import effective_sizes
 from tests.conftest import PAIR, judged_as, pair_matrix
 
@@ -62,10 +65,10 @@ def test_intervals_are_equal_tailed(cheap_posterior):
 
 def test_the_mode_refined_from_the_best_draw_is_the_map(cheap_posterior, frequency_posterior):
     for posterior in (cheap_posterior, frequency_posterior):
-        assert posterior.mode_agrees
-        assert posterior.mode_log_density >= posterior.log_density.max()
-        assert posterior.mode_log_density == pytest.approx(posterior.problem.log_posterior(posterior.mode_theta)[0])
-    assert cheap_posterior.mode_distance < 0.01
+        assert mode_agrees(posterior)
+        assert posterior.best.log_density >= posterior.log_density.max()
+        assert posterior.best.log_density == pytest.approx(posterior.problem.log_posterior(posterior.best.theta)[0])
+    assert mode_distance(cheap_posterior) < 0.01
     assert_allclose(list(cheap_posterior.mode.values()), cheap_posterior.estimate.values, rtol=1e-2)
 
 
@@ -78,20 +81,18 @@ def test_the_map_counts_as_missed_beyond_a_hundredth_of_its_sd_and_a_thousandth_
 ):
     estimate = cheap_posterior.estimate
     step = distance * np.sqrt(np.diag(estimate.covariance)) * np.array([0.3, -1.0, 0.5])
-    moved = dataclasses.replace(
-        cheap_posterior, mode_theta=estimate.theta + step, mode_log_density=estimate.log_posterior + higher
-    )
-    assert moved.mode_distance == pytest.approx(distance)
-    assert moved.mode_agrees == agrees
+    moved = dataclasses.replace(cheap_posterior, best=BestDraw(estimate.theta + step, estimate.log_posterior + higher))
+    assert mode_distance(moved) == pytest.approx(distance)
+    assert mode_agrees(moved) == agrees
 
 
 def test_a_mode_on_the_edge_of_its_prior_is_named(cheap_posterior):
-    assert cheap_posterior.at_prior_edge == ()
+    assert cheap_posterior.problem.prior.coordinates_at_edge(cheap_posterior.best.theta) == ()
     low, high = cheap_posterior.problem.prior.support
     for i, name in enumerate(PAIR.stiffness_names):
         for edge in (low, high):
-            theta = np.where(np.arange(3) == i, edge, cheap_posterior.mode_theta)
-            assert dataclasses.replace(cheap_posterior, mode_theta=theta).at_prior_edge == (name,)
+            theta = np.where(np.arange(3) == i, edge, cheap_posterior.best.theta)
+            assert cheap_posterior.problem.prior.coordinates_at_edge(theta) == (name,)
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(cheap_case):
@@ -157,13 +158,13 @@ def test_a_stiffness_of_either_sign_is_not_identified_however_narrow():
 
 
 def test_the_region_level_is_the_share_of_draws_with_a_higher_density(cheap_posterior):
-    assert cheap_posterior.region_level(list(cheap_posterior.mode.values())) == 0.0
+    assert region_level(cheap_posterior, list(cheap_posterior.mode.values())) == 0.0
     density = cheap_posterior.log_density.ravel()
     for level in (0.1, 0.5, 0.95):
         row = np.argsort(-density)[round(level * density.size)]
-        found = cheap_posterior.region_level(cheap_posterior.stiffness[row])
+        found = region_level(cheap_posterior, cheap_posterior.stiffness[row])
         assert found == pytest.approx(level, abs=0.002)  # walkers that stay put are ties
-    assert cheap_posterior.region_level([5.05e9, 3.44e7, 1.52e6]) < 0.99  # the truth of these data
+    assert region_level(cheap_posterior, [5.05e9, 3.44e7, 1.52e6]) < 0.99  # the truth of these data
 
 
 @pytest.mark.parametrize(
@@ -171,15 +172,15 @@ def test_the_region_level_is_the_share_of_draws_with_a_higher_density(cheap_post
     [[0.0, 3e7, 1e6], [5e9, 3e7, -1e6], [5e9, 1e9, 1.5e6], [5e9, 0.0, 1.5e6], [5e9, -3e7, 1.5e6], [5e12, 3e7, 1.5e6]],
 )
 def test_a_joint_without_density_lies_on_the_edge_of_everything(cheap_posterior, impossible):
-    assert cheap_posterior.region_level(impossible) == 1.0
+    assert region_level(cheap_posterior, impossible) == 1.0
 
 
 def test_a_negative_coupling_has_a_region_where_its_sign_is_free(frequency_posterior):
-    assert frequency_posterior.region_level(list(frequency_posterior.mode.values())) == 0.0
+    assert region_level(frequency_posterior, list(frequency_posterior.mode.values())) == 0.0
     stiffness, density = frequency_posterior.stiffness, frequency_posterior.log_density.ravel()
     likeliest = np.argmax(np.where(stiffness[:, 1] < 0, density, -np.inf))
     assert stiffness[likeliest, 1] < 0
-    assert frequency_posterior.region_level(stiffness[likeliest]) < 0.1
+    assert region_level(frequency_posterior, stiffness[likeliest]) < 0.1
 
 
 # ---- predictions
@@ -266,8 +267,8 @@ def test_a_saved_posterior_comes_back_bit_for_bit(cheap_posterior, frequency_pos
         assert loaded.case.default_priors == posterior.case.default_priors
         assert loaded.case.warnings == posterior.case.warnings
         assert loaded.mode == posterior.mode
-        assert loaded.mode_log_density == posterior.mode_log_density
-        assert loaded.mode_theta.tobytes() == posterior.mode_theta.tobytes()
+        assert loaded.best.log_density == posterior.best.log_density
+        assert loaded.best.theta.tobytes() == posterior.best.theta.tobytes()
         for field in ("theta", "values", "covariance"):
             assert getattr(loaded.estimate, field).tobytes() == getattr(posterior.estimate, field).tobytes()
         assert loaded.estimate.log_posterior == posterior.estimate.log_posterior

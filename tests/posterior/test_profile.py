@@ -8,6 +8,7 @@ import jointbayes as jb
 from jointbayes.posterior import limits
 from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.limits import LikelihoodRegion
+from jointbayes.posterior.verdicts import region_of as region_of_posterior
 from tests.conftest import cheap_text, edited
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
@@ -119,7 +120,7 @@ def test_where_the_posterior_is_nearly_gaussian_the_interval_is_that_of_the_fish
 
 
 def test_no_point_of_the_profile_can_be_bettered(cheap_posterior):
-    problem, profile = cheap_posterior.problem, cheap_posterior.likelihood_region.profile("k11")
+    problem, profile = cheap_posterior.problem, region_of_posterior(cheap_posterior).profile("k11")
     rng = np.random.default_rng(0)
     constant = problem.log_posterior(profile.theta[profile.log_ratio.argmax()])[0]  # uniform priors: likelihood only
     for theta, ratio in zip(profile.theta, profile.log_ratio, strict=True):

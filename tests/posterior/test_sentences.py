@@ -12,7 +12,7 @@ from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
 from jointbayes.posterior.identifiability import judge_by_rule
 from jointbayes.posterior.knowledge import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.model_errors import InferredError, MeshCheck
-from jointbayes.posterior.run_record import RunRecord
+from jointbayes.posterior.sampled import RunRecord
 from jointbayes.verdict_rule import RULE
 
 RECORD = RunRecord("case", "", 1, True, "", {}, {}, {})  # type: ignore[typeddict-item]

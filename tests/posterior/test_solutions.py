@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior.any_posterior import LEAST_SHARE, Solutions, _are_apart
 from jointbayes.posterior.knowledge import effect_of_uncertain_inputs, known_by_bounds
 from jointbayes.posterior.prediction import further_measurement
+from jointbayes.posterior.sampled import recall
+from jointbayes.posterior.solutions import LEAST_SHARE, Solutions, _are_apart, solutions_of
+from jointbayes.posterior.verdicts import advice_on_solutions, describe_solutions, region_of, solution_sentences
 from jointbayes.report import ReportInputs
 from jointbayes.report.sections.lead import lead
 from tests import models
@@ -31,7 +33,7 @@ def storeys():
 @pytest.mark.science
 def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
     assert portal.converged
-    assert portal.solutions.shares == pytest.approx([0.5, 0.5], abs=0.05)
+    assert solutions_of(portal).shares == pytest.approx([0.5, 0.5], abs=0.05)
     low, high = models.FEET
     for index, name in enumerate(portal.stiffness_names):
         known = portal.verdict(name)
@@ -47,22 +49,22 @@ def test_no_stiffness_that_differs_between_the_feet_is_identified(portal):
 def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
     from jointbayes.cli.common import print_summary
 
-    sentence = portal.solutions.sentence
+    sentence = " ".join(solution_sentences(portal))
     assert sentence.startswith("Two solutions explain the data (probability 0.5")
     assert "A.kx, A.ky, A.krz, B.kx, B.ky, B.krz differ between them" in sentence
     print_summary(portal)
-    assert set(portal.solutions.sentences) <= set(capsys.readouterr().out.splitlines())
+    assert set(solution_sentences(portal)) <= set(capsys.readouterr().out.splitlines())
     summary = portal.summary()
     assert sentence in on_one_line(summary)
     inputs = ReportInputs(portal)
     inputs.__dict__["summary"] = summary
     limits, step = (block.text for block in lead(inputs)[-2:])
-    assert portal.solutions.description in limits
-    assert step == f"**Next.** {portal.solutions.advice}"
-    assert sentence == f"{portal.solutions.description} {portal.solutions.advice}"
+    assert describe_solutions(portal) in limits
+    assert step == f"**Next.** {advice_on_solutions(portal)}"
+    assert sentence == f"{describe_solutions(portal)} {advice_on_solutions(portal)}"
     found = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert found["solutions"] == sentence
-    assert [mode["share"] for mode in found["modes"]] == pytest.approx(portal.solutions.shares)
+    assert [mode["share"] for mode in found["modes"]] == pytest.approx(solutions_of(portal).shares)
     for mode in found["modes"]:
         feet = models.FEET if mode["values"]["A.kx"]["median"] < 5e7 else models.FEET[::-1]
         for name, value in zip(portal.stiffness_names, np.ravel(feet), strict=True):
@@ -75,7 +77,7 @@ def test_the_terminal_page_one_and_the_summary_say_it(portal, capsys):
 @pytest.mark.long
 def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
     """With a sensor across the beam's middle too the mirror image no longer fits: its FRF has the other sign."""
-    assert "A sensor at mid:y with the force at mid:x would tell them apart" in portal.solutions.sentence
+    assert "A sensor at mid:y with the force at mid:x would tell them apart" in " ".join(solution_sentences(portal))
     text = models.portal().replace('outputs = ["mid:x"]', 'outputs = ["mid:x", "mid:y"]')
     problem = jb.case_from_text("told apart", text).problem
     theta = np.array([mode.theta for mode in portal.estimate.modes])
@@ -88,14 +90,14 @@ def test_the_sensor_that_would_tell_the_feet_apart_is_one_that_does(portal):
 def test_two_storeys_of_the_same_two_frequencies_are_two_solutions(storeys):
     assert storeys.converged
     assert storeys.verdict("first.kx").because.startswith("two solutions: 1.4")
-    assert "An FRF at 2:x would tell them apart" in storeys.solutions.sentence
+    assert "An FRF at 2:x would tell them apart" in " ".join(solution_sentences(storeys))
     assert known_by_bounds(storeys) == ()
 
 
 @pytest.mark.science
 @pytest.mark.long
 def test_what_is_said_beside_the_solutions_knows_of_both(portal):
-    region = portal.likelihood_region
+    region = region_of(portal)
     for index, name in enumerate(portal.stiffness_names):
         known = portal.verdict(name)
         assert known.cls == "not identified"
@@ -115,25 +117,25 @@ def test_two_solutions_stay_two_with_other_inputs_uncertain(portal):
 
 def test_solutions_of_a_model_that_fails_do_not_explain_the_data(storeys):
     misfit = dataclasses.replace(storeys)
-    misfit.__dict__["check"] = dataclasses.replace(storeys.check, chi2_per_line=40.0)
+    recall(misfit, {"checks_of": (dataclasses.replace(storeys.check, chi2_per_line=40.0),)})
     assert not misfit.check.explains
-    assert Solutions(misfit).sentence.startswith("Two solutions fit the data best (probability 0.")
+    assert describe_solutions(misfit).startswith("Two solutions fit the data best (probability 0.")
 
 
 def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys):
     failed = unsettled(storeys)
-    sentence = failed.solutions.sentence
+    sentence = " ".join(solution_sentences(failed))
     assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
     assert "(probability" not in sentence
-    assert sentence.partition("): ")[2] == storeys.solutions.sentence.partition("): ")[2] != ""
+    assert sentence.partition("): ")[2] == " ".join(solution_sentences(storeys)).partition("): ")[2] != ""
     assert "probability" not in failed.verdict("first.kx").because
 
 
 def test_a_posterior_with_one_mode_has_one_solution(cheap_posterior):
-    solutions = cheap_posterior.solutions
+    solutions = solutions_of(cheap_posterior)
     assert solutions.shares.tolist() == [1.0]
     assert solutions.split == ()
-    assert (solutions.sentence, solutions.reason("k11")) == ("", None)
+    assert (solution_sentences(cheap_posterior), solutions.reason("k11")) == ((), None)
     assert solutions.summaries() == ()
     assert cheap_posterior.summary().to_dict()["modes"] == []
 

@@ -84,8 +84,8 @@ OTHER_RECORDS = {
     ("map", "covariance", 0): ([0.0, 0.0, 0.0], "map.covariance: found none; expected a covariance of 3 numbers"),
     ("map", "log_posterior"): (3.0, "found draws of another density than that of its problem"),
     ("mode", "theta", 1): (1e3, "found draws of another density"),
-    ("knowledge", "freed", 0, "known", "k11", "cls"): ("<b>", "k11.cls: found '<b>'"),
-    ("knowledge", "profiles", 0, "value"): ([], "knowledge.profiles.0.value"),
+    ("found", "rows_of", 0, "known", "k11", "cls"): ("<b>", "k11.cls: found '<b>'"),
+    ("found", "profiles_of", 0, "value"): ([], "profiles_of.0.value"),
 }
 
 

@@ -12,7 +12,8 @@ import jointbayes as jb
 from jointbayes.phrases import PHRASES, Reason
 from jointbayes.posterior import summarise, verdicts
 from jointbayes.posterior.identifiability import ExactInputs, Verdict
-from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines
+from jointbayes.posterior.sampled import recall
+from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines, region_of
 from jointbayes.report.markup import badge
 from jointbayes.rounding import factor, quantity_text, rounded, rounded_interval
 from jointbayes.verdict_rule import RULE, VerdictRule
@@ -22,9 +23,9 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def with_cached(posterior: jb.Posterior, **cached: object) -> jb.Posterior:
-    """A copy of a posterior in which cached properties have other values; its likelihood is the same."""
+    """A copy of a posterior in which studies found something else; its likelihood is the same."""
     copy = dataclasses.replace(posterior)
-    copy.__dict__.update({"likelihood_region": posterior.likelihood_region} | cached)
+    recall(copy, {"region_of": region_of(posterior)} | cached)
     return copy
 
 
@@ -195,13 +196,13 @@ def bound_at_draws(posterior, *sides, low=math.nan, high=math.nan):
     problem = dataclasses.replace(
         posterior.problem, prior=dataclasses.replace(prior, marginals=(*prior.marginals[:2], held))
     )
-    known = posterior.likelihood_region
+    known = region_of(posterior)
 
     def limits(index):
         return (low, high) if index == 2 else known.limits(index)
 
     region = SimpleNamespace(limits=limits)
-    return with_cached(dataclasses.replace(posterior, problem=problem), likelihood_region=region)
+    return with_cached(dataclasses.replace(posterior, problem=problem), region_of=region)
 
 
 @pytest.mark.parametrize(("side", "verdict"), [("upper", "bounded below"), ("lower", "bounded above")])
@@ -233,7 +234,7 @@ def test_ends_that_are_open_on_both_sides_identify_nothing(cheap_posterior):
 
 def test_of_many_unknowns_a_bound_that_the_draws_reach_counts_as_open(cheap_posterior, monkeypatch):
     monkeypatch.setattr(verdicts, "MOST_UNKNOWNS", 2)
-    posterior = with_cached(bound_at_draws(cheap_posterior, "upper"), likelihood_region=None)
+    posterior = with_cached(bound_at_draws(cheap_posterior, "upper"), region_of=None)
     assert posterior.verdict("k22") == "bounded below"
     assert posterior.verdict("k22").limit == cheap_posterior.interval("k22")[0]
     assert posterior.verdict("k11").cls == "not identified"

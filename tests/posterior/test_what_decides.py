@@ -10,8 +10,10 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.phrases import Because, Reason
+from jointbayes.posterior.diagnosis import diagnoses_of
 from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
+from jointbayes.posterior.model_errors import mesh_of
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
@@ -45,7 +47,7 @@ def test_the_length_decides_and_the_damping_does_not(found):
 
 def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_struck_out(found, posterior):
     problem = posterior.case.workshop_problem
-    theta = np.append(posterior.mode_theta, np.zeros(4))
+    theta = np.append(posterior.best.theta, np.zeros(4))
     _, jacobian = problem.log_posterior.residuals(theta)
     for name in ("length", "damping_ratio"):
         kept = [0, 1, 2, problem.names.index(name)]
@@ -88,7 +90,7 @@ def test_nothing_is_said_where_no_stiffness_is_known_anyway(posterior):
     problem = posterior.case.workshop_problem
     data = problem.test.data
     far = problem.with_test(data=replace(data, variance=1e12 * data.variance))
-    theta = np.append(posterior.mode_theta, np.zeros(4))
+    theta = np.append(posterior.best.theta, np.zeros(4))
     assert what_decides(problem, ("density",), theta) is not None
     assert what_decides(far, ("density",), theta) is None
 
@@ -107,21 +109,21 @@ def test_what_the_range_of_a_prior_decides_is_said_with_its_figure():
 def test_a_file_keeps_combinations_mesh_and_diagnoses_and_refuses_what_does_not_belong_together(
     posterior, known, tmp_path, monkeypatch
 ):
-    posterior.save(tmp_path / "draws.nc", known)
-    for name in ("name_directions", "check_mesh", "diagnose"):
-        monkeypatch.setattr(f"jointbayes.posterior.posterior.{name}", lambda *_: pytest.fail("found again"))
+    posterior.save(tmp_path / "draws.nc")
+    for name in ("knowledge.name_directions", "model_errors.check_mesh", "diagnosis.diagnose"):
+        monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found again"))
     again = gather_knowledge(jb.load_posterior(tmp_path / "draws.nc"))
-    assert again.mesh == posterior.mesh
-    assert repr(again.diagnoses) == repr(posterior.diagnoses)
+    assert mesh_of(again) == mesh_of(posterior)
+    assert repr(diagnoses_of(again)) == repr(diagnoses_of(posterior))
     assert repr(again.directions) == repr(known.directions)  # NaN is unlike itself
     assert again.decides.sentence == known.decides.sentence
     assert [step.words for step in again.next_steps] == [step.words for step in known.next_steps]
     # a file of earlier versions kept the next step and what decides, which are found again today
-    older = copied(tmp_path, tmp_path / "draws.nc", replaced(("knowledge", "decides"), {"inputs": []}))
+    older = copied(tmp_path, tmp_path / "draws.nc", replaced(("knowledge",), {"decides": {"inputs": []}}))
     assert jb.load_posterior(older).case is not None
     for place, value, said in (
-        (("diagnoses",), [], "diagnoses: found 0; expected 1"),
-        (("diagnoses", 0, "modes", 0, "measured_hz"), 0.0, r"diagnoses.modes: found \[ModeError"),
+        (("diagnoses_of",), [], "diagnoses_of: found 0; expected 1"),
+        (("diagnoses_of", 0, "modes", 0, "measured_hz"), 0.0, r"diagnoses_of.modes: found \[ModeError"),
     ):
-        change = replaced(("knowledge", *place), value)
+        change = replaced(("found", *place), value)
         assert re.search(said, refusal(copied(tmp_path, tmp_path / "draws.nc", change)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes.posterior.prediction import left_out_of
 
 COUNT = "expected a whole number, 1 or more"
 PROBABILITY = "expected a number between 0 and 1, such as 0.95"
@@ -20,7 +21,7 @@ def ports(p, outputs=("5:y",), lines=None):
     [
         (lambda p: p.predict_frf(probability=95), f"FRF prediction: found probability 95; {PROBABILITY}"),
         (lambda p: p.predict_frf(probability="0.95"), f"found probability '0.95'; {PROBABILITY}"),
-        (lambda p: p.predict_left_out(probability=95), f"left out: found probability 95; {PROBABILITY}"),
+        (lambda p: left_out_of(p, probability=95), f"left out: found probability 95; {PROBABILITY}"),
         (lambda p: p.predict_frf(ports(p, ("tip:y",))), "found DOF 'tip:y'; expected one of '1:y' to '5:rz'"),
         (lambda p: p.predict_frf(ports(p, ("5y",))), "found DOF '5y'; expected one of '1:y' to '5:rz'"),
         (lambda p: p.predict_frf("5:y"), r"found as ports '5:y'; expected jb\.Ports\("),

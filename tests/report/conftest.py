@@ -9,6 +9,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.posterior import RunRecord, package_versions
 from jointbayes.posterior.evidence import Evidence
+from jointbayes.posterior.sampled import BestDraw
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.sampling import Draws
@@ -38,7 +39,7 @@ def posterior_about(case, middle, widths):
     ones = dict.fromkeys(problem.names, 1.0)
     sampler = SAMPLER | {"tau": ones, "ess": ones}
     record = RunRecord(case.name, case.text, 1, True, "made up", sampler, ones, package_versions())
-    return jb.Posterior(problem, tree, estimate, middle, at, record, case)
+    return jb.Posterior(problem, tree, estimate, BestDraw(middle, at), record, case)
 
 
 def made_up(name, text, joint):

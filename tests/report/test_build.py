@@ -14,6 +14,7 @@ import xarray as xr
 
 import jointbayes.report.sections
 from jointbayes.posterior import summarise
+from jointbayes.posterior.diagnosis import diagnosis_of
 from jointbayes.report import Figure, ReportInputs, build_report, drawing, render_html, render_pdf
 from jointbayes.report.contents import APPENDIX, PAGES, one_page
 from jointbayes.report.methods import terms_section
@@ -237,7 +238,7 @@ def test_frequencies_are_set_beside_the_measured_ones(whole, cheap_posterior):
     columns = dict(zip(table.head, zip(*table.rows, strict=True), strict=True))
     assert columns["Published (Hz)"] == ("120.0", "762.0", "2101.0")
     assert columns["MAP (Hz)"] == tuple(f"{f:.2f}" for f in summary["map"])
-    peaks = [(f"{p.measured_hz:.2f}", f"{p.error_percent:+.2f}") for p in cheap_posterior.diagnosis.modes]
+    peaks = [(f"{p.measured_hz:.2f}", f"{p.error_percent:+.2f}") for p in diagnosis_of(cheap_posterior).modes]
     assert list(zip(columns["Peak of the data (Hz)"], columns["Error (%)"], strict=True)) == peaks
     alone = frequency_section(inputs_of(cheap_posterior, measured_frequencies_hz=None).tests[0])
     table = next(b for b in of_kind(alone.blocks, Table) if b.caption.startswith("Natural frequencies"))

@@ -123,7 +123,7 @@ def test_where_no_joint_has_the_medians_the_mode_is_written(cheap_posterior, mon
     monkeypatch.setattr(kind, "describes", lambda *_: False)
     theta, of = central_joint(cheap_posterior)
     assert of.startswith("joint mode")
-    assert theta is cheap_posterior.mode_theta
+    assert theta is cheap_posterior.best.theta
 
 
 def test_data_without_frfs_have_no_table(frequency_posterior, tmp_path):

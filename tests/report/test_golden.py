@@ -13,6 +13,8 @@ import pytest
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.identification import SearchEffort
+from jointbayes.posterior.checks import checks_of
+from jointbayes.posterior.sampled import BestDraw, recall
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Report, ReportInputs, render_html
 from jointbayes.report.model import Table
@@ -37,13 +39,13 @@ def moved(posterior, gain, *sds):
     """The posterior whose draws lead to a mode so many standard deviations away, so much higher."""
     sd = np.sqrt(np.diag(posterior.estimate.covariance))
     at = posterior.estimate.log_posterior + gain
-    return replace(posterior, mode_theta=posterior.estimate.theta + sd * np.array(sds), mode_log_density=at)
+    return replace(posterior, best=BestDraw(posterior.estimate.theta + sd * np.array(sds), at))
 
 
 def unfit(posterior, chi2=9.0):
     """The very posterior with another misfit per line."""
-    check = replace(posterior.checks[0], chi2_per_line=chi2)
-    vars(posterior).update(check=check, checks=(check,))
+    check = replace(checks_of(posterior)[0], chi2_per_line=chi2)
+    recall(posterior, {"checks_of": (check,)})
     return posterior
 
 
@@ -70,7 +72,7 @@ STATES = {
     "stopped": lambda p: unsettled(p, "not converged at 9 of 9 steps"),
     "missed_the_best_fit": lambda p: moved(p, 7.25, 1.0, 1.0, 1.0),
     "mode_apart": lambda p: moved(p, -3.0, 0.0, 2.5, 0.0),
-    "mode_outside_an_interval": lambda p: replace(p, mode_theta=p.mode_theta + np.array([0.0, 0.0, 1.0])),
+    "mode_outside_an_interval": lambda p: replace(p, best=replace(p.best, theta=p.best.theta + np.eye(3)[2])),
     "model_does_not_fit": lambda p: unfit(with_cached(p), 9.0),
     "model_fits_badly": lambda p: unfit(with_cached(p), 4.0),
     "noise_stated_too_large": lambda p: unfit(with_cached(p), 0.3),

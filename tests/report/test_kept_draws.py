@@ -12,6 +12,7 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.errors import CaseError, ReportError, ReportInterruptedError, WriteError
+from jointbayes.posterior.verdicts import mode_agrees
 from jointbayes.report.run_directory import write_report
 from tests.conftest import cheap_frequencies_text, cli
 
@@ -247,6 +248,6 @@ def test_draws_survive_a_climb_from_the_best_of_them_that_fails(cheap_case, monk
     posterior = jb.sample(cheap_case, seed=1, settings=jb.SamplerSettings(walkers=8, max_steps=100))
     assert len(posterior.theta) > 1000
     # the best of all draws, of which not every one is kept
-    assert posterior.mode_log_density >= posterior.log_density.max()
-    assert posterior.mode_log_density == cheap_case.problem.log_posterior(posterior.mode_theta)
-    assert not posterior.mode_agrees  # so there is no verdict
+    assert posterior.best.log_density >= posterior.log_density.max()
+    assert posterior.best.log_density == cheap_case.problem.log_posterior(posterior.best.theta)
+    assert not mode_agrees(posterior)  # so there is no verdict

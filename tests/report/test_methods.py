@@ -9,6 +9,8 @@ import pytest
 from benchmarks.size import ROOT
 
 from jointbayes.inference import NoiseModel, Normal, StudentNoise
+from jointbayes.posterior.checks import checks_of
+from jointbayes.posterior.sampled import recall
 from jointbayes.report import Report, render_html
 from jointbayes.report.guides import packaged
 from jointbayes.report.methods import methods_section, methods_text, references, report_text
@@ -36,7 +38,7 @@ def changed(inputs, **parts):
 
 def with_posterior(inputs, **parts):
     posterior = replace(inputs.posterior, **parts)
-    posterior.__dict__["checks"] = inputs.posterior.checks
+    recall(posterior, {"checks_of": checks_of(inputs.posterior)})
     return changed(inputs, posterior=posterior)
 
 
@@ -66,7 +68,7 @@ def with_modulus(inputs):
 
 def with_check(inputs, **parts):
     other = with_posterior(inputs)
-    other.posterior.__dict__["checks"] = (replace(inputs.posterior.check, **parts),)
+    recall(other.posterior, {"checks_of": (replace(inputs.posterior.check, **parts),)})
     return other
 
 

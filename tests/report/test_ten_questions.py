@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from jointbayes.posterior.checks import checks_of
+from jointbayes.posterior.sampled import recall
 from jointbayes.report import ReportInputs, render_html, render_pdf
 from jointbayes.report.contents import build_report
 from tests.conftest import TABLE_3, cheap_text, of_case, unsettled
@@ -39,9 +41,9 @@ VERDICT = r"(weakly identified|not identified|identified|bounded below|bounded a
 def runs(reports, cheap_posterior):
     """Reports of nine runs by name."""
     stopped = unsettled(cheap_posterior)
-    off = replace(cheap_posterior.checks[0], chi2_per_line=9.0)
+    off = replace(checks_of(cheap_posterior)[0], chi2_per_line=9.0)
     wrong = of_case(cheap_posterior)
-    wrong.__dict__["checks"] = (off,)
+    recall(wrong, {"checks_of": (off,)})
     own = report_of(of_case(stopped)), build_report(ReportInputs(wrong), DATE)
     small = report_of(made_up("small", cheap_text().replace("length_mm = 383.0", "length_mm = 200.0"), TABLE_3))
     names = ("main", "uncertain", "tests", "frequencies", "frame")

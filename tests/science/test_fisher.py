@@ -173,5 +173,5 @@ def test_sampled_standard_deviations_agree_where_the_posterior_is_gaussian():
     case = jb.case_from_text("joint measured", text)
     posterior = jb.sample(case, seed=1, settings=jb.SamplerSettings(walkers=24, max_steps=2000))
     sampled = np.log(posterior.stiffness).std(axis=0)
-    expected = fisher_information(case.problem, posterior.mode_theta).sd()
+    expected = fisher_information(case.problem, posterior.best.theta).sd()
     np.testing.assert_allclose(sampled, list(expected.values()), rtol=0.05)

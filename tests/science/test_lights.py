@@ -12,6 +12,7 @@ from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
+from jointbayes.posterior.compared_frfs import compared_frfs_of
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.sections.trust import lights_of
 from tests.conftest import CONFIGS, TABLE_3, edited
@@ -124,7 +125,7 @@ def seen_of(posterior):
     inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
     inputs.tests = ReportInputs.tests.fget(inputs)
     lights = lights_of(inputs).lights
-    off = (f"{frf.output}/{frf.input}" for frfs in posterior.compared_frfs.values() for frf in frfs if frf.faults)
+    off = (f"{frf.output}/{frf.input}" for frfs in compared_frfs_of(posterior).values() for frf in frfs if frf.faults)
     return Seen(tuple(light.kind for light in lights), lights[2].text, tuple(off))
 
 

@@ -12,6 +12,9 @@ import click
 from jointbayes.cli.output import manner, manner_option, say, warn
 from jointbayes.cli.progress_display import show_progress, show_stage
 from jointbayes.errors import CaseError
+from jointbayes.posterior.knowledge import assumptions_of
+from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of
+from jointbayes.posterior.verdicts import solution_sentences
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -114,14 +117,14 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
             say(f"    {line}")
     if limited:
         say(LIMIT_NOTE)
-    for line in posterior.assumptions:
+    for line in assumptions_of(posterior):
         say(line)
     bounds = knowledge.bounds_sentences if knowledge else ()
-    for line in (*bounds, *posterior.solutions.sentences):
+    for line in (*bounds, *solution_sentences(posterior)):
         say(line)
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
-    for errors_of in (posterior.mesh, posterior.noise_of_bodies):
+    for errors_of in (mesh_of(posterior), measured_bodies_of(posterior)):
         for line in () if errors_of is None or errors_of.within else errors_of.sentences:
             say(line)
 

@@ -12,6 +12,8 @@ from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
 from jointbayes.cli.targets import force_option, require_free, require_outside
 from jointbayes.errors import CaseError
+from jointbayes.posterior.checks import checks_of
+from jointbayes.posterior.diagnosis import diagnoses_of
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
     with draws_kept(posterior, target):
         manner().written = write_run(posterior, target, show_stage, inputs)
     common.print_summary(posterior, inputs.knowledge)
-    for check, diagnosis in zip(posterior.checks, posterior.diagnoses, strict=True):
+    for check, diagnosis in zip(checks_of(posterior), diagnoses_of(posterior), strict=True):
         if check.finding != "explained" or check is posterior.check:
             say(check.sentence)
         for line in () if check.explains else diagnosis.sentences:

@@ -115,7 +115,7 @@ class Problem:
         Short name, by which its results are known.
     left_out
         Tests of the same joints, or further data of the tests under the same names, that do not enter the likelihood:
-        `Posterior.predict_left_out` predicts them.
+        `jointbayes.posterior.prediction.left_out_of` predicts them.
     premises
         What is taken for granted beyond that; by default nothing.
     exact

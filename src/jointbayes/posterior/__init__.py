@@ -10,7 +10,7 @@ from jointbayes.posterior.knowledge import Knowledge as Knowledge
 from jointbayes.posterior.other_structure import OtherStructure as OtherStructure
 from jointbayes.posterior.posterior import Posterior as Posterior
 from jointbayes.posterior.posterior import gather_knowledge as gather_knowledge
-from jointbayes.posterior.run_record import RunRecord as RunRecord
 from jointbayes.posterior.run_record import data_sha256 as data_sha256
 from jointbayes.posterior.run_record import package_versions as package_versions
+from jointbayes.posterior.sampled import RunRecord as RunRecord
 from jointbayes.posterior.summary import summarise as summarise

@@ -22,6 +22,7 @@ from scipy import special
 from jointbayes.errors import ModelError
 from jointbayes.inference import NoiseModel, Problem
 from jointbayes.inference.noise.base import Absorbed, residuals_of_values, squares_of, values_of_residuals
+from jointbayes.posterior.sampled import Sampled, once
 from jointbayes.rounding import number, p_value_in_words, told_apart
 from vibrecords.arrays import Array
 
@@ -172,6 +173,8 @@ FALSE_ALARM = 0.01
 OUTLIER_LEVEL = FALSE_ALARM / 10
 #: Residuals below this share of the stated noise's variance, half its standard deviation, are far below it.
 FAR_BELOW = 0.25
+#: Draws whose residuals are checked; fewer where these are millions, among which draws make no difference.
+_CHECK_DRAWS, _FEWEST_CHECKED, _CHECKED_VALUES = 200, 12, 25_000_000
 _DRAWS_AT_ONCE = 8  # whose scores over all lines are held in memory
 
 
@@ -350,6 +353,23 @@ class PredictiveCheck:
             f"One value deviates by {self.largest:.1f} standard deviations (line {self.largest_at[0] + 1}): "
             f"inspect it{other}."
         )
+
+
+@once
+def checks_of(posterior: Sampled) -> tuple[PredictiveCheck, ...]:
+    """Check each test of a posterior, at a level that allows for the checks of all."""
+    each = []
+    for index, part in enumerate(posterior.problem.parts):
+        most = min(_CHECK_DRAWS, max(_FEWEST_CHECKED, _CHECKED_VALUES // part.log_posterior.likelihood.n_data))
+        rng = np.random.default_rng([posterior.record.seed, 2, *([index] if index else [])])
+        each.append(check_part(part, posterior.thinned(most), rng))
+    n_tests = sum(check.n_own_tests for check in each)
+    return tuple(replace(check, n_tests=n_tests) for check in each)
+
+
+def check_of(posterior: Sampled) -> PredictiveCheck:
+    """Return the check of the test that the model explains worst."""
+    return min(checks_of(posterior), key=lambda check: (check.explains, check.smallest_p_value))
 
 
 def check_part(part: Problem, theta: Array, rng: np.random.Generator) -> PredictiveCheck:

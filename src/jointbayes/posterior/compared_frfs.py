@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
+from jointbayes.posterior.sampled import Sampled, once
 from jointbayes.rounding import number
 from vibrecords.arrays import Array, ComplexArray
 
@@ -27,6 +28,7 @@ TURNED, FOLLOWS = -0.5, 0.9
 CLEAR, FEWEST = 3.0, 10
 _MOST_LINES = 2000  # evenly spaced
 _MOST_NAMED = 3
+_COMPARED_DRAWS = 20  # whose FRFs are compared with the measured ones
 
 #: What to check, by the first fault of an FRF.
 _CHECK: dict[Fault, str] = {
@@ -71,6 +73,13 @@ class ComparedFrf:
         }
         said = " and ".join(what[fault] for fault in self.faults)
         return f"FRF {self.output}/{self.input} {said}: {_CHECK[self.faults[0]]}."
+
+
+@once
+def compared_frfs_of(posterior: Sampled) -> dict[str, tuple[ComparedFrf, ...]]:
+    """Compare each measured FRF with the predicted one by test, fitted or not: level, sign, shape and what is off."""
+    theta = np.vstack([posterior.estimate.theta, posterior.thinned(_COMPARED_DRAWS)])
+    return {part.test.name: compare_frfs(part, theta) for part in posterior.problem.parts}
 
 
 def compare_frfs(part: Problem, theta: Array) -> tuple[ComparedFrf, ...]:

@@ -24,8 +24,11 @@ from jointbayes.inference import ErrorSizes, ModelErrorNoise, Premises, Problem,
 from jointbayes.inference.common_errors import has_edge, with_common_errors
 from jointbayes.inference.noise.model_error import LEAST_COMPONENT
 from jointbayes.inference.test import likelihood_of, own_name
+from jointbayes.phrases import listed
 from jointbayes.posterior.checks import PredictiveCheck, check_part
-from jointbayes.posterior.model_errors import InferredError
+from jointbayes.posterior.compared_frfs import compared_frfs_of, sentences_of_faults
+from jointbayes.posterior.model_errors import OF_ALL_MODES, InferredError, model_error_of
+from jointbayes.posterior.sampled import Sampled
 from jointbayes.rounding import number, percent
 from vibrecords import Antiresonances, FrfData, ModeData, ModeShapes, Observed
 from vibrecords.arrays import Array
@@ -464,6 +467,25 @@ def _with_tests(problem: Problem, tests: Sequence[Test], premises: Premises) -> 
     used = {own_name(test.name, name, names) for test in every for name in likelihood_of(test.data, test).names}
     prior = replace(problem.prior, nuisances=tuple(n for n in nuisances if n.name in used))
     return replace(problem, tests=tuple(tests), prior=prior, premises=premises)
+
+
+def premises_of(posterior: Sampled) -> tuple[str, ...]:
+    """Say what an answer rests on where data are not taken as stated, and what is off of FRFs that it does not fit."""
+    modes = [test.name for test in posterior.problem.tests if test.data.modes is not None]
+    faults = [text for test in modes for text in sentences_of_faults(compared_frfs_of(posterior)[test], test)]
+    stated = premises_sentences(posterior.premises, model_error_of(posterior))
+    return (*stated, *unseen_inputs(posterior.problem), *faults)
+
+
+def unseen_inputs(problem: Problem) -> tuple[str, ...]:
+    """Say what modes cannot show of inputs that move all of them alike, where no shape was measured."""
+    own = [nuisance.name.rpartition(".")[2] for nuisance in problem.prior.nuisances]
+    inputs = [name for name in OF_ALL_MODES if name in own]
+    more = any(test.data.modes is None or test.data.shows_shapes for test in problem.tests)
+    if not problem.premises.reason or not inputs or more:
+        return ()
+    what = listed(inputs, "or")
+    return (f"Natural frequencies alone hardly show that {what} is further off than assumed: measure it.",)
 
 
 def premises_sentences(premises: Premises, model_error: InferredError | None) -> tuple[str, ...]:

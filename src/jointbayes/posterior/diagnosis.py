@@ -23,6 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from jointbayes.frf import Ports
 from jointbayes.identification.resonances import SharedResonances, median_seen
 from jointbayes.inference import Problem, modal_model
+from jointbayes.posterior.checks import check_of, checks_of
+from jointbayes.posterior.sampled import Sampled, kept
 from jointbayes.rounding import percent, sentence_start
 from vibrecords import Data, FrfData, ModalData, quantity_factor
 from vibrecords.arrays import Array
@@ -175,6 +177,24 @@ class Diagnosis:
             sensor=self.sensor,
             how="has the opposite sign" if pair is not None and pair.turned else how,
         )
+
+
+@kept
+def diagnoses_of(posterior: Sampled) -> tuple[Diagnosis, ...]:
+    """Diagnose each test of a posterior: how far the MAP is from its data, and what its residuals point to."""
+    best, estimate = posterior.best, posterior.estimate
+    theta = best.theta if best.log_density > estimate.log_posterior else estimate.theta
+    each = ((part, np.random.default_rng([posterior.record.seed, 4])) for part in posterior.problem.parts)
+    return tuple(
+        replace(diagnose(part.test.data, part, theta, rng), remedy=check.remedy)
+        for (part, rng), check in zip(each, checks_of(posterior), strict=True)
+    )
+
+
+def diagnosis_of(posterior: Sampled) -> Diagnosis:
+    """Return the diagnosis of the test that the model explains worst."""
+    names = [test.name for test in posterior.problem.tests]
+    return diagnoses_of(posterior)[names.index(check_of(posterior).test)]
 
 
 @singledispatch

@@ -20,7 +20,8 @@ DOI 10.2307/2289471
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from typing import Any, Literal
 
@@ -31,11 +32,11 @@ from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.inference import Landing, Normal, Nuisance, Problem
 from jointbayes.joint.parametrisation import RIGID
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
-from jointbayes.posterior.any_posterior import AnyPosterior
-from jointbayes.posterior.checks import PredictiveCheck
+from jointbayes.posterior.checks import PredictiveCheck, checks_of
 from jointbayes.posterior.coordinates import by_names, judged_quantities
+from jointbayes.posterior.decision import premises_of
 from jointbayes.posterior.diagnosis import Diagnosis
-from jointbayes.posterior.directions import NamedDirection, summary_sentence
+from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
 from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
@@ -47,9 +48,12 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.verdicts import conclude, judge_stiffness
-from jointbayes.posterior.what_decides import WhatDecides
+from jointbayes.posterior.sampled import Sampled, is_found, kept, prior_stiffness
+from jointbayes.posterior.solutions import solutions_of
+from jointbayes.posterior.verdicts import MOST_UNKNOWNS, conclude, judge_stiffness, region_of, rule_of
+from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.progress import Budget
+from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import likelihood_ratio
 from jointbayes.sampling import Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
@@ -169,7 +173,7 @@ def _is_weaker(freed: Verdict, run: Verdict) -> bool:
     return bool(not low <= median <= high or change > max(LARGEST_CHANGE * width, 2 * error))
 
 
-def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
+def effect_of_uncertain_inputs(posterior: Sampled, freed: Problem | None = None) -> tuple[UncertainInputsRow, ...]:
     """What the verdicts rest on: the run, then other sets of uncertain quantities.
 
     Parameters
@@ -202,7 +206,7 @@ def effect_of_uncertain_inputs(posterior: AnyPosterior, freed: Problem | None = 
 
 
 def _row(
-    posterior: AnyPosterior, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator, budget: Budget
+    posterior: Sampled, problem: Problem, uncertain: tuple[str, ...], rng: np.random.Generator, budget: Budget
 ) -> UncertainInputsRow:
     """Draws of the problem with only these quantities uncertain, and what they say, by the rule of a run.
 
@@ -235,9 +239,111 @@ def _row(
     known = {}
     for name, column in zip(posterior.stiffness_names, values.T, strict=True):
         error = partial(quantile_spread, column, effective=effective)
-        drawn = assess(column, posterior.prior_values(name), error, posterior.unit(name), posterior.rule(name))
+        drawn = assess(column, posterior.prior_values(name), error, posterior.unit(name), rule_of(posterior, name))
         known[name] = conclude(posterior, name, drawn, theta, region)
     return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
+
+
+def workshop_of(posterior: Sampled) -> Problem | None:
+    """The same problem with more quantities uncertain, as its case has it; None without a case, or any more."""
+    return None if posterior.case is None else posterior.case.workshop_problem
+
+
+@kept
+@one_blas_thread()
+def rows_of(posterior: Sampled) -> tuple[UncertainInputsRow, ...]:
+    """Find what is known with other quantities uncertain or exactly known; the first row is the run itself.
+
+    Empty where there is nothing to free, and where the run allows no verdict.
+    """
+    return effect_of_uncertain_inputs(posterior, workshop_of(posterior))
+
+
+def verdict_of(posterior: Sampled, name: str) -> Verdict:
+    """Judge one stiffness, and name what the verdict takes as exact.
+
+    Inputs that a workshop does not know exactly are looked at where `rows_of` was made, or kept. Else the verdict
+    names them all.
+
+    Raises
+    ------
+    ModelError
+        If there is no such quantity, or the joint's coordinates hold it rigid: there is nothing to judge.
+    """
+    if np.ptp(posterior.prior_values(name)) == 0:
+        raise ModelError(
+            f"posterior: found {name} held rigid; expected a joint whose stiffnesses are all uncertain, for "
+            "verdicts, summary and report; use draws, mode and intervals of the others"
+        )
+    found = judge_stiffness(posterior, name)
+    unsaid = found.cls in ("no verdict", "not identified")
+    return found if unsaid else replace(found, exact=exact_inputs_of(posterior).get(name))
+
+
+def judged_names(posterior: Sampled) -> list[str]:
+    """Names of the stiffnesses that are uncertain."""
+    return [name for name in posterior.stiffness_names if np.ptp(posterior.prior_values(name)) > 0]
+
+
+def exact_inputs_of(posterior: Sampled) -> Mapping[str, ExactInputs]:
+    """What verdicts take as exact, by stiffness; the same for all where `rows_of` was not made."""
+    if is_found(posterior, rows_of):
+        return inputs_taken_as_exact(rows_of(posterior))
+    taken = taken_as_exact(posterior.problem, workshop_of(posterior))
+    unseen = ExactInputs(taken, None, looked_at=False)
+    return dict.fromkeys(posterior.stiffness_names, unseen) if taken else {}
+
+
+def assumptions_of(posterior: Sampled) -> tuple[str, ...]:
+    """Say what an answer rests on, and where `rows_of` was not made how to see what is known without exact inputs."""
+    unseen = next((exact for exact in exact_inputs_of(posterior).values() if not exact.looked_at), None)
+    if unseen is None or not posterior.converged:
+        return premises_of(posterior)
+    name = listed(unseen.quantities)
+    return (*premises_of(posterior), f"What is known with {name} uncertain: posterior.under, and the report.")
+
+
+@kept
+def assumed_of(posterior: Sampled) -> tuple[str, ...]:
+    """Say how well each quantity is taken to be known that only the last of `rows_of` takes as uncertain."""
+    return assumed_beyond(posterior.problem, workshop_of(posterior))
+
+
+@kept
+def directions_of(posterior: Sampled) -> tuple[NamedDirection, ...]:
+    """Find the combinations of stiffnesses that the draws determine independently, best known first."""
+    judged = {name: verdict_of(posterior, name) for name in posterior.stiffness_names}
+    return name_directions(
+        posterior.stiffness,
+        prior_stiffness(posterior),
+        judged,
+        posterior.problem.parametrisation,
+        partial(rule_of, posterior),
+    )
+
+
+@kept
+def profiles_of(posterior: Sampled) -> tuple[ProfileLikelihood, ...]:
+    """Find the profile likelihood of each coordinate of the joint; none of many unknowns."""
+    profiles: list[ProfileLikelihood] = []
+    if len(posterior.problem.names) > MOST_UNKNOWNS:
+        return ()
+    for name in posterior.problem.parametrisation.names:
+        with suppress(ModelError):  # no residual depends on it: its prior is all there is, and the verdict says so
+            profiles.append(region_of(posterior).profile(name))
+    return tuple(profiles)
+
+
+def what_decides_of(posterior: Sampled) -> WhatDecides | None:
+    """Find what each input does alone; None of fewer than two, and where the model does not explain the data."""
+    inputs = max((row.uncertain for row in rows_of(posterior)), key=len, default=())
+    if len(inputs) < 2 or not all(check.explains for check in checks_of(posterior)):
+        return None
+    run, freed = posterior.problem, workshop_of(posterior)
+    problem = run if freed is None or set(inputs) <= set(uncertain_quantities(run)) else freed
+    if not set(inputs) <= set(problem.names):  # rows of a file without the case that freed them
+        return None
+    return what_decides(problem, inputs, by_names(posterior.best.theta[None], run.names, problem.names)[0])
 
 
 def assumed_beyond(problem: Problem, freed: Problem | None) -> tuple[str, ...]:
@@ -326,30 +432,31 @@ class SimplerJoint:
         return self.ratio > self.limit
 
 
-def known_by_bounds(posterior: AnyPosterior) -> tuple[str, ...]:
+def known_by_bounds(posterior: Sampled) -> tuple[str, ...]:
     """Joints of which most stiffnesses are neither identified nor weakly identified, by name; none without verdicts.
 
     One that is not identified only because solutions differ in it is known by more than bounds.
     """
     verdicts: dict[str, list[str]] = {}
     for quantity in posterior.problem.quantities:
-        if quantity.role == "stiffness" and quantity.name not in posterior.solutions.split:
-            verdict = posterior.verdict(quantity.name).cls
+        if quantity.role == "stiffness" and quantity.name not in solutions_of(posterior).split:
+            verdict = judge_stiffness(posterior, quantity.name).cls
             verdicts.setdefault(quantity.name.rpartition(".")[0], []).append(verdict)
     if any("no verdict" in each for each in verdicts.values()):
         return ()
     return tuple(name for name, each in verdicts.items() if 2 * sum(v in CERTAINTY for v in each) < len(each))
 
 
-def simpler_joints(posterior: AnyPosterior) -> tuple[SimplerJoint, ...]:
+@kept
+def simpler_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
     """Rigid, absent and uncoupled joints in place of each that is known by bounds at most; none of damped joints."""
     problem = posterior.problem
     if problem.parametrisation.damped or problem.extra_log_likelihood is not None:
         return ()
     simpler = []
-    modes = [posterior.estimate.theta, posterior.mode_theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
+    modes = [posterior.estimate.theta, posterior.best.theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
     theta = np.vstack([*modes, posterior.thinned(_TRIED_SIMPLER)])
-    solution = posterior.solutions.nearest(theta)
+    solution = solutions_of(posterior).nearest(theta)
 
     def greatest(put: dict[int, float]) -> float:
         return LikelihoodRegion(problem.log_posterior, theta, solution, put).greatest
@@ -387,12 +494,16 @@ def exclusion_sentences(joints: tuple[SimplerJoint, ...]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-@dataclass(frozen=True, eq=False)
-class KeptKnowledge:
-    """What took time to find, kept with the draws; None of what older files do not know.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Knowledge:
+    """How far the numbers of a posterior carry.
 
     Parameters
     ----------
+    check
+        Posterior predictive check.
+    directions
+        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
     profiles
         Profile likelihood of each coordinate of the joint.
     freed
@@ -403,31 +514,6 @@ class KeptKnowledge:
         own.
     simpler
         Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
-    directions
-        Combinations of the joint's stiffnesses that are determined independently, best known first, by the draws.
-    mesh
-        What the elements of the model do to the result; None where the structure is given by its matrices.
-    diagnoses
-        What the misfit of each test points to.
-    """
-
-    profiles: tuple[ProfileLikelihood, ...]
-    freed: tuple[UncertainInputsRow, ...]
-    assumed: tuple[str, ...]
-    simpler: tuple[SimplerJoint, ...] | None = None
-    directions: tuple[NamedDirection, ...] | None = None
-    mesh: MeshCheck | None = None
-    diagnoses: tuple[Diagnosis, ...] | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Knowledge(KeptKnowledge):
-    """How far the numbers of a posterior carry: all that is kept of it, and the check of the model.
-
-    Parameters
-    ----------
-    check
-        Posterior predictive check.
     next_steps
         Forecasts of further measurements, the best first, with all else as in a workshop where `workshop` is not None;
         empty where the draws have not converged, or the model does not explain the data.
@@ -436,19 +522,23 @@ class Knowledge(KeptKnowledge):
     decides
         Which uncertain input matters most; None where there are fewer than two, or no stiffness is known with all of
         them exact.
+    mesh
+        What the elements of the model do to the result; None where the structure is given by its matrices.
+    diagnoses
+        What the misfit of each test points to.
     """
 
     check: PredictiveCheck
+    directions: tuple[NamedDirection, ...] = ()
+    profiles: tuple[ProfileLikelihood, ...]
+    freed: tuple[UncertainInputsRow, ...]
+    assumed: tuple[str, ...]
+    simpler: tuple[SimplerJoint, ...] = ()
     next_steps: tuple[NextStep, ...] = ()
     advice: str = ""
     decides: WhatDecides | None = None
-    simpler: tuple[SimplerJoint, ...] = ()
-    directions: tuple[NamedDirection, ...] = ()
-
-    @property
-    def kept(self) -> KeptKnowledge:
-        """What took time to find, as `Posterior.save` keeps it."""
-        return KeptKnowledge(**{each.name: getattr(self, each.name) for each in fields(KeptKnowledge)})
+    mesh: MeshCheck | None = None
+    diagnoses: tuple[Diagnosis, ...] = ()
 
     @property
     def workshop(self) -> Mapping[str, Verdict] | None:

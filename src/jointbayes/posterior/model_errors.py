@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.identification import refine
-from jointbayes.inference import Problem
+from jointbayes.inference import ErrorSizes, Problem
+from jointbayes.posterior.sampled import Sampled, kept, once
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import number, percent
 from vibrecords import quantity_factor
@@ -24,6 +25,9 @@ LARGEST_SHIFT_SD = 0.5
 
 _PRIOR_DRAWS, _FEW_PRIOR_DRAWS = 16, 3  # the few where a draw has more values than this
 _MANY_VALUES = 500_000
+#: Quantities that move all modes alike.
+OF_ALL_MODES = ("youngs_modulus", "density", "length", "length_offset")
+_SIZES, _STREAM = 8000, 7  # draws that tell the size of the model's error, and their random numbers
 _EXACT = 1e-3  # of the stated noise: data with smaller residuals have none
 
 
@@ -408,3 +412,43 @@ def _noise_in_test(problem: Problem, theta: Array) -> NoiseOfBodies | None:
         tuple(body.discrepancy for body in bodies),
         problem.test.name,
     )
+
+
+@once
+def model_error_of(posterior: Sampled) -> InferredError | None:
+    """Return the model's error in natural frequencies as it was inferred; None where there is no place for one."""
+    problem = posterior.problem
+    prior, likelihood = problem.prior, problem.log_posterior.likelihood
+    laws = (test.noise.shares for test in problem.tests if test.noise is not None)
+    law = next((law for law in laws if isinstance(law, ErrorSizes)), None)
+    if law is None:
+        return None
+    rng, theta = np.random.default_rng([posterior.record.seed, _STREAM]), posterior.thinned(_SIZES)
+    matrices, factors = prior.matrix(theta), prior.factors(theta)
+    sizes = likelihood.draw_error_size(law, matrices, factors, rng)
+    assert sizes is not None
+    low, middle, high = np.quantile(sizes[:, 0], [0.025, 0.5, 0.975]).tolist()
+    away = (posterior.theta.reshape(-1, len(prior.names)).mean(axis=0) - prior.mean) / prior.sd
+    shifts = {
+        nuisance.name: float(shift)
+        for nuisance, shift in zip(prior.nuisances, away[len(prior.marginals) :], strict=True)
+        if nuisance.name.rpartition(".")[2] in OF_ALL_MODES
+    }
+    edges = likelihood.shift_of_edges(law, matrices, factors).mean(axis=0)
+    if edges.size:
+        shifts["edge"] = float(max(edges, key=abs))
+    spring = float(np.median(sizes[:, 1]))
+    return InferredError(middle, low, high, law.frequency, spring, shifts, problem.premises.misnumbered)
+
+
+@kept
+def mesh_of(posterior: Sampled) -> MeshCheck | None:
+    """Check what the elements do to a posterior; None where the structure is given by its matrices."""
+    estimate, seed = posterior.estimate, posterior.record.seed
+    return check_mesh(posterior.problem, estimate.theta, estimate.covariance, posterior.stiffness, seed)
+
+
+@once
+def measured_bodies_of(posterior: Sampled) -> NoiseOfBodies | None:
+    """Check what the errors of measured bodies do to a posterior; None where the structure is modelled throughout."""
+    return noise_of_bodies(posterior.problem, posterior.estimate.theta)

@@ -9,18 +9,21 @@ import numpy as np
 
 from jointbayes.errors import JointBayesError
 from jointbayes.inference import Problem
-from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.candidates import candidates_of
+from jointbayes.posterior.checks import checks_of
 from jointbayes.posterior.coordinates import by_names
+from jointbayes.posterior.diagnosis import diagnoses_of
 from jointbayes.posterior.fisher import FisherInformation, fisher_information
 from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import CERTAINTY, Verdict
+from jointbayes.posterior.sampled import Sampled
+from jointbayes.posterior.verdicts import advice_on_solutions
 from vibrecords.arrays import Array
 
 _DRAWS = 5
 
 
-def next_steps(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[str, Verdict]) -> tuple[NextStep, ...]:
+def next_steps(posterior: Sampled, freed: Problem | None, judged: Mapping[str, Verdict]) -> tuple[NextStep, ...]:
     """Rank further measurements by how well the stiffness that is known least would then be known, the best first.
 
     Parameters
@@ -67,15 +70,17 @@ def next_steps(posterior: AnyPosterior, freed: Problem | None, judged: Mapping[s
     return tuple(next((each for each in rows if each and each[0].is_worth_it), rows[0] if rows else ()))
 
 
-def advice(posterior: AnyPosterior, steps: Sequence[NextStep]) -> str:
+def advice(posterior: Sampled, steps: Sequence[NextStep]) -> str:
     """What to do next in words: what comes before any further measurement, else the first of the steps."""
-    worst = min(zip(posterior.checks, posterior.diagnoses, strict=True), key=lambda each: each[0].smallest_p_value)
+    worst = min(
+        zip(checks_of(posterior), diagnoses_of(posterior), strict=True), key=lambda each: each[0].smallest_p_value
+    )
     if not posterior.converged:
         return f"Raise {posterior.record.limit_to_raise} in [sampling] and run again."
     if not worst[0].explains:
         return " ".join(worst[1].advice)
-    if posterior.solutions.advice:
-        return posterior.solutions.advice
+    if apart := advice_on_solutions(posterior):
+        return apart
     if steps and steps[0].is_worth_it:
         return steps[0].sentence
     if posterior.problem.premises.of_modes:

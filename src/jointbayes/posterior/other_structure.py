@@ -18,8 +18,8 @@ from jointbayes.inference import ModelErrorNoise, Nuisance, Problem
 from jointbayes.inference.test import own_name
 from jointbayes.joint import AnyJoint, JointMatrix, joint_matrix_of
 from jointbayes.phrases import listed
-from jointbayes.posterior.any_posterior import AnyPosterior
 from jointbayes.posterior.prediction import FrfPrediction, frf_band, simulate_at
+from jointbayes.posterior.sampled import Sampled
 from jointbayes.rounding import number
 from jointbayes.structure import LossFactor, ModalDamping, StructureRecipe, family_of_recipe
 from jointbayes.structure.recipe import is_damping, is_damping_ratio
@@ -105,8 +105,8 @@ class OtherStructure:
 
 
 def predict_other(
-    posterior: AnyPosterior,
-    structure: StructureRecipe | AnyStructure | Problem | AnyPosterior,
+    posterior: Sampled,
+    structure: StructureRecipe | AnyStructure | Problem | Sampled,
     ports: Ports,
     joint: AnyJoint | None = None,
     *,

@@ -14,6 +14,7 @@ from jointbayes.errors import JointBayesError, MeasurementError, require, requir
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation, prefixed
+from jointbayes.posterior.sampled import Sampled
 from jointbayes.rounding import number
 from vibrecords import FrfSet, Quantity, quantity_factor
 from vibrecords.arrays import Array
@@ -187,6 +188,31 @@ def replicate(problem: Problem, part: Problem, theta: Array, rng: np.random.Gene
         law, hyper = likelihood.noise.with_scale(squares, z[0].size, hyper, rng)
         noise = law.draw(rng, hyper, *z.shape[1:])
     return simulate_at(part, theta, rng, noise)
+
+
+def left_out_of(posterior: Sampled, probability: float = 0.95, max_draws: int = 2000) -> tuple[LeftOut, ...]:
+    """Predict a measurement of what was left out of the data; empty without any.
+
+    The intervals hold what is uncertain in joint and structure, the error of the model as far as the noise model
+    states one, drawn again for what was left out, and the noise of the measurement. Of FRFs the magnitude is
+    compared, of at most 400 draws.
+
+    Parameters
+    ----------
+    posterior
+        The posterior.
+    probability
+        Probability inside each interval.
+    max_draws
+        At most this many draws, evenly spaced, are evaluated.
+
+    Raises
+    ------
+    ModelError
+        If the probability is not inside (0, 1).
+    """
+    require_probability(probability, "left out")
+    return predict_left_out(posterior.problem, posterior.thinned(max_draws), probability, posterior.record.seed)
 
 
 def predict_left_out(problem: Problem, theta: Array, probability: float, seed: int) -> tuple[LeftOut, ...]:

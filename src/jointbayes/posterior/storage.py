@@ -33,11 +33,11 @@ from jointbayes.identification import MapEstimate
 from jointbayes.inference import JointPrior, Problem
 from jointbayes.joint import Blocks
 from jointbayes.joint.quantities import prefixed
-from jointbayes.posterior.knowledge import KeptKnowledge
 from jointbayes.posterior.prediction import replicate
-from jointbayes.posterior.run_record import RunRecord, sha256_of
+from jointbayes.posterior.run_record import sha256_of
+from jointbayes.posterior.sampled import KEPT, BestDraw, RunRecord
 from jointbayes.sampling import Draws
-from jointbayes.stored_values import REMEDY, StoredArray, stored_value
+from jointbayes.stored_values import REMEDY, stored_value
 from vibrecords import Data
 from vibrecords.arrays import Array
 from vibrecords.files import write_whole_file
@@ -576,14 +576,6 @@ FILE_VERSION = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BestDraw:
-    """The best draw refined, shape (d,), and its log density."""
-
-    theta: StoredArray
-    log_density: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FileRecord:
     """Everything of a posterior file that is not an array of draws, or of its problem.
 
@@ -595,8 +587,8 @@ class FileRecord:
         Joint mode, and MAP estimate without the paper's iteration.
     problem
         Description of the problem.
-    knowledge
-        What took time to find; None where nothing was kept.
+    found
+        What took time to find, by the names of the studies.
     of_case_text
         Whether the text of the case states the problem.
     """
@@ -605,7 +597,7 @@ class FileRecord:
     mode: BestDraw
     map: MapEstimate
     problem: StoredProblem
-    knowledge: KeptKnowledge | None = None
+    found: Mapping[str, Any] = field(default_factory=dict)
     of_case_text: bool = False
 
     def as_text(self) -> str:
@@ -659,6 +651,12 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    if version == 2:  # its verdicts were sentences: what it kept is found from the draws again
-        plain["knowledge"] = None
-    return stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
+    record = stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
+    found = {
+        name: stored_value(
+            get_type_hints(KEPT[name], include_extras=True)["return"], finding, f"{where}: record.{name}"
+        )
+        for name, finding in record.found.items()
+        if name in KEPT
+    }
+    return replace(record, found=found)

@@ -293,18 +293,17 @@ def _require_agreement(problem: Problem, record: FileRecord, where: str) -> None
         if mode.inside is not None:
             shapes[f"map.modes.{i}.inside"], covariances[f"map.modes.{i}.inside"] = (mode.inside[0], d), mode.inside[1]
     expected |= {place: (array.shape, (size,)) for place, (array, size) in shapes.items()}
-    if record.knowledge is not None:
-        quantities = sorted(quantity.name for quantity in problem.quantities)
-        for i, row in enumerate(record.knowledge.freed):
-            expected[f"knowledge.freed.{i}.known"] = (sorted(row.known), quantities if row.known else [])
-        for i, profile in enumerate(record.knowledge.profiles):
-            n = max(1, profile.log_ratio.size)
-            of_arrays = [array.shape for array in (profile.value, profile.log_ratio, profile.theta)]
-            expected[f"knowledge.profiles.{i}.value, log_ratio, theta"] = (of_arrays, [(n,), (n,), (n, d)])
-        if (diagnoses := record.knowledge.diagnoses) is not None:
-            zero = [mode for each in diagnoses for mode in each.modes if not mode.measured_hz]
-            expected["knowledge.diagnoses"] = (len(diagnoses), len(problem.tests))
-            expected["knowledge.diagnoses.modes"] = (zero, [])
+    quantities = sorted(quantity.name for quantity in problem.quantities)
+    for i, row in enumerate(record.found.get("rows_of", ())):
+        expected[f"rows_of.{i}.known"] = (sorted(row.known), quantities if row.known else [])
+    for i, profile in enumerate(record.found.get("profiles_of", ())):
+        n = max(1, profile.log_ratio.size)
+        of_arrays = [array.shape for array in (profile.value, profile.log_ratio, profile.theta)]
+        expected[f"profiles_of.{i}.value, log_ratio, theta"] = (of_arrays, [(n,), (n,), (n, d)])
+    if (diagnoses := record.found.get("diagnoses_of")) is not None:
+        zero = [mode for each in diagnoses for mode in each.modes if not mode.measured_hz]
+        expected["diagnoses_of"] = (len(diagnoses), len(problem.tests))
+        expected["diagnoses_of.modes"] = (zero, [])
     for place, (there, wanted) in expected.items():
         if there != wanted:
             raise MeasurementError(f"{where}: record.{place}: found {there}; expected {wanted}; {REMEDY}")

@@ -11,16 +11,30 @@ import numpy as np
 from jointbayes.errors import went
 from jointbayes.frf import rigid_body_modes
 from jointbayes.inference import Premises, Problem
-from jointbayes.posterior.any_posterior import AnyPosterior, ModeSummary
-from jointbayes.posterior.checks import PredictiveCheck
-from jointbayes.posterior.compared_frfs import ComparedFrf
-from jointbayes.posterior.diagnosis import Diagnosis
+from jointbayes.posterior.checks import PredictiveCheck, check_of, checks_of
+from jointbayes.posterior.compared_frfs import ComparedFrf, compared_frfs_of
+from jointbayes.posterior.diagnosis import Diagnosis, diagnoses_of, diagnosis_of
 from jointbayes.posterior.identifiability import LIMIT_NOTE, Verdict
-from jointbayes.posterior.knowledge import Knowledge
-from jointbayes.posterior.model_errors import InferredError, MeshCheck, NoiseOfBodies
-from jointbayes.posterior.prediction import LeftOut, left_out_json, sentence_of_left_out
-from jointbayes.posterior.run_record import RunRecord, bodies_of, data_sha256
-from jointbayes.posterior.verdicts import mode_sentence, reasons_for_no_verdict
+from jointbayes.posterior.knowledge import Knowledge, verdict_of
+from jointbayes.posterior.model_errors import (
+    InferredError,
+    MeshCheck,
+    NoiseOfBodies,
+    measured_bodies_of,
+    mesh_of,
+    model_error_of,
+)
+from jointbayes.posterior.prediction import LeftOut, left_out_json, left_out_of, sentence_of_left_out
+from jointbayes.posterior.run_record import bodies_of, data_sha256
+from jointbayes.posterior.sampled import RunRecord, Sampled
+from jointbayes.posterior.solutions import ModeSummary, solutions_of
+from jointbayes.posterior.verdicts import (
+    mode_agrees,
+    mode_distance,
+    mode_sentence,
+    reasons_for_no_verdict,
+    solution_sentences,
+)
 from jointbayes.rounding import align_columns, in_lines, json_ready, number, signed, with_interval
 from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
@@ -296,7 +310,7 @@ class Summary:
 
 
 def summarise(
-    posterior: AnyPosterior,
+    posterior: Sampled,
     initial: Sequence[float],
     measured_frequencies_hz: Sequence[float] | None = None,
     knowledge: Knowledge | None = None,
@@ -337,40 +351,48 @@ def summarise(
             coordinates=posterior.problem.names,
             theta=tuple(estimate.theta.tolist()),
             covariance=tuple(map(tuple, estimate.covariance.tolist())),
-            mode_agrees=posterior.mode_agrees,
+            mode_agrees=mode_agrees(posterior),
             mode_sentence=mode_sentence(posterior),
-            at_prior_edge=posterior.at_prior_edge,
-            mode_distance_sd=posterior.mode_distance,
+            at_prior_edge=posterior.problem.prior.coordinates_at_edge(posterior.best.theta),
+            mode_distance_sd=mode_distance(posterior),
             starts=tuple((s.name, s.reached_mode) for s in estimate.starts),
         ),
         natural_frequencies_hz=tests[first.name].natural_frequencies_hz,
         fit=fit_of(problem, estimate.theta),
-        check=posterior.check,
-        diagnosis=posterior.diagnosis,
-        mesh=posterior.mesh,
-        measured_bodies=posterior.noise_of_bodies,
+        check=check_of(posterior),
+        diagnosis=diagnosis_of(posterior),
+        mesh=mesh_of(posterior),
+        measured_bodies=measured_bodies_of(posterior),
         files_of_bodies={name: body.files for name, body in bodies_of(problem).items()},
         knowledge=knowledge,
         data_sha256=data_sha256(problem),
-        modes=posterior.solutions.summaries(),
-        solutions=posterior.solutions.sentence,
-        left_out=posterior.predict_left_out(),
+        modes=solutions_of(posterior).summaries(),
+        solutions=" ".join(solution_sentences(posterior)),
+        left_out=left_out_of(posterior),
         tests=tests,
         premises=problem.premises,
-        model_error=posterior.model_error,
+        model_error=model_error_of(posterior),
         assumptions=tuple(assumptions),
         correlations=_correlations(posterior),
         about=about or {},
-        compared_frfs=posterior.compared_frfs,
+        compared_frfs=compared_frfs_of(posterior),
     )
 
 
+def measured_frequencies(posterior: Sampled) -> tuple[float, ...] | None:
+    """Measured natural frequencies of the one test, if they are the lowest and data, or the case states any, Hz."""
+    if posterior.case is not None:
+        return posterior.case.measured_frequencies_hz
+    tests = posterior.problem.tests
+    return None if len(tests) > 1 else tests[0].data.lowest_hz
+
+
 def summaries_of_tests(
-    posterior: AnyPosterior, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
+    posterior: Sampled, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, TestSummary]:
     """What is said of each test by its name; of a lone test by an empty one, with frequencies measured beside it."""
     summaries, parts = {}, posterior.problem.parts
-    for part, check, diagnosis in zip(parts, posterior.checks, posterior.diagnoses, strict=True):
+    for part, check, diagnosis in zip(parts, checks_of(posterior), diagnoses_of(posterior), strict=True):
         test, provenance = part.test, part.test.data.provenance
         measured_hz = measured_frequencies_hz if len(parts) == 1 else test.data.lowest_hz
         summaries[test.name] = TestSummary(
@@ -385,7 +407,7 @@ def summaries_of_tests(
 
 
 def frequency_summary(
-    posterior: AnyPosterior, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
+    posterior: Sampled, problem: Problem, initial: Sequence[float], measured: Sequence[float] | None, seen: int
 ) -> FrequencySummary:
     """Of as many modes as were measured, or as the FRFs show resonances."""
     theta, test = posterior.estimate.theta, problem.test
@@ -469,7 +491,7 @@ def specimen_line(about: Mapping[str, str]) -> str:
     return "; ".join(f"{words}: {about[key]}" for key, words in OF_A_TEST.items() if key in about)
 
 
-def _correlations(posterior: AnyPosterior) -> dict[tuple[str, str], float]:
+def _correlations(posterior: Sampled) -> dict[tuple[str, str], float]:
     """Correlations of the coordinates' draws, of those that are not held."""
     moved = np.flatnonzero(np.ptp(posterior.theta, axis=0) > 0)
     matrix = np.atleast_2d(np.corrcoef(posterior.theta[:, moved].T)) if moved.size else np.empty((0, 0))
@@ -483,13 +505,13 @@ def _interval95(values: Array) -> Interval:
     return low, high
 
 
-def stiffness_summary(posterior: AnyPosterior, index: int, name: str) -> StiffnessSummary:
+def stiffness_summary(posterior: Sampled, index: int, name: str) -> StiffnessSummary:
     """The numbers of the stiffness at one place."""
     values, r_hat = posterior.values(name), posterior.record.r_hat
     ess_bulk, ess_tail = effective_sizes(np.log(values) if (values > 0).all() else values)
     return StiffnessSummary(
         unit=posterior.unit(name),
-        known=posterior.verdict(name),
+        known=verdict_of(posterior, name),
         map=float(posterior.estimate.values[index]),
         mode=posterior.mode[name],
         mean=float(values.mean()),
@@ -500,7 +522,7 @@ def stiffness_summary(posterior: AnyPosterior, index: int, name: str) -> Stiffne
     )
 
 
-def nuisance_summary(posterior: AnyPosterior, index: int) -> NuisanceSummary:
+def nuisance_summary(posterior: Sampled, index: int) -> NuisanceSummary:
     """The numbers of the uncertain quantity at one place."""
     prior = posterior.problem.prior
     nuisance = prior.nuisances[index]

@@ -8,38 +8,108 @@ is bounded on the other side.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from jointbayes.inference import JointPrior, OfStiffness
-from jointbayes.phrases import Because, Reason
-from jointbayes.posterior.any_posterior import AnyPosterior
+from jointbayes.phrases import Because, Reason, counted
+from jointbayes.posterior.checks import check_of
 from jointbayes.posterior.identifiability import CERTAINTY, Side, Verdict, VerdictClass, assess, with_test_alone
 from jointbayes.posterior.limits import LikelihoodRegion
+from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of, model_error_of
+from jointbayes.posterior.prediction import further_measurement
+from jointbayes.posterior.sampled import Sampled, by_ensemble, once
+from jointbayes.posterior.solutions import solutions_of
 from jointbayes.sampling import quantile_error
+from jointbayes.verdict_rule import RULE, VerdictRule
 from vibrecords.arrays import Array
 
 #: Skip likelihood-ratio limits for more unknowns than this, because each limit would take seconds.
 MOST_UNKNOWNS = 10
 _SAME_DENSITY = 1e-3  # difference in log density of two points that are equally the mode, as `mode_agrees` has it
+_REGION_DRAWS = 4000
 #: Mass that a further decade would hold if the density stayed as it is at a bound: less cannot matter.
 REACH = 0.01
 DECADE = math.log(10)
 _EDGE = 0.1  # of a decade, or of the prior's range: the part of it that counts as its edge
 
 
-def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[Because, ...]:
+def mode_distance(posterior: Sampled) -> float:
+    """Return the largest distance of joint mode and MAP in Laplace standard deviations: 0 where they agree."""
+    sd = np.sqrt(np.diag(posterior.estimate.covariance))
+    return float(np.abs((posterior.best.theta - posterior.estimate.theta) / sd).max())
+
+
+def mode_agrees(posterior: Sampled) -> bool:
+    """Whether joint mode and MAP are one point: within 0.01 standard deviations, or equal in density to 0.001.
+
+    Along a direction that the data leave flat many points are equally the mode.
+    """
+    gain = posterior.best.log_density - posterior.estimate.log_posterior
+    return mode_distance(posterior) <= 0.01 or abs(gain) <= _SAME_DENSITY
+
+
+def default_priors(posterior: Sampled) -> Collection[str]:
+    """Coordinates whose range is the default one, which the case does not state."""
+    return () if posterior.case is None else posterior.case.default_priors
+
+
+def rule_of(posterior: Sampled, name: str) -> VerdictRule:
+    """Thresholds by which a stiffness is judged: those that the case states in ``[verdict]``, or the usual ones."""
+    return RULE if posterior.case is None else posterior.case.verdict_rules.get(name, RULE)
+
+
+@once
+def region_of(posterior: Sampled) -> LikelihoodRegion:
+    """Find joints that fit nearly as well as the best, for likelihood-ratio limits, which it keeps once found."""
+    modes = [posterior.estimate.theta, posterior.best.theta, *(mode.theta for mode in posterior.estimate.modes)]
+    theta = np.vstack([*modes, posterior.thinned(_REGION_DRAWS)])
+    return LikelihoodRegion(posterior.problem.log_posterior, theta, solutions_of(posterior).nearest(theta))
+
+
+def solution_sentences(posterior: Sampled) -> tuple[str, ...]:
+    """Say what the solutions are and what would tell them apart; empty where there is one."""
+    return tuple(filter(None, (describe_solutions(posterior), advice_on_solutions(posterior))))
+
+
+def describe_solutions(posterior: Sampled) -> str:
+    """Say how many solutions there are, and in what they differ; empty where there is one."""
+    solutions = solutions_of(posterior)
+    if not solutions.split:
+        return ""
+    shares = f"probability {', '.join(f'{solutions.shares[modes].sum():.2f}' for modes in solutions.distinct)}"
+    if not posterior.converged:
+        shares = "their probabilities are not settled, as the sampler has not converged"
+    # of a model that does not explain the data the solutions only fit best
+    fit = "explain the data" if check_of(posterior).explains else "fit the data best"
+    what = f"{counted(len(solutions.distinct)).capitalize()} solutions {fit} ({shares}): {', '.join(solutions.split)}"
+    return f"{what} differ between them."
+
+
+@once
+def advice_on_solutions(posterior: Sampled) -> str:
+    """Say what measurement would tell the solutions apart; empty where there is one, or no measurement is known."""
+    solutions = solutions_of(posterior)
+    if not solutions.split:
+        return ""
+    theta = np.array([posterior.estimate.starts_for_draws[modes[0]][0] for modes in solutions.distinct])
+    return further_measurement(posterior.problem, theta)
+
+
+def reasons_for_no_verdict(posterior: Sampled) -> tuple[Because, ...]:
     """Why a run gives no verdict on any stiffness; empty where it does."""
-    reasons, check, error = [], posterior.check, posterior.model_error
+    reasons, check, error = [], check_of(posterior), model_error_of(posterior)
     if not posterior.converged:
         reasons.append(Because(Reason.NOT_CONVERGED))
-    if not posterior.mode_agrees:
-        gain = posterior.mode_log_density - posterior.estimate.log_posterior
+    if not mode_agrees(posterior):
+        gain = posterior.best.log_density - posterior.estimate.log_posterior
         if gain > _SAME_DENSITY:
             reasons.append(Because(Reason.BEST_FIT_MISSED, {"gain": gain}))
         else:
-            reasons.append(Because(Reason.BEST_FITS_APART, {"distance_sd": posterior.mode_distance, "loss": -gain}))
+            reasons.append(Because(Reason.BEST_FITS_APART, {"distance_sd": mode_distance(posterior), "loss": -gain}))
     if not check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
         misfit = Because(Reason.MISFIT, {"times": math.sqrt(check.chi2_per_line)})
         reasons.append(misfit if check.level == "above" else Because(Reason.PATTERN))
@@ -48,7 +118,8 @@ def reasons_for_no_verdict(posterior: AnyPosterior) -> tuple[Because, ...]:
     return tuple(reasons)
 
 
-def judge_stiffness(posterior: AnyPosterior, name: str) -> Verdict:
+@once
+def judge_stiffness(posterior: Sampled, name: str) -> Verdict:
     """Judge one stiffness or other quantity by the draws of a run.
 
     Raises
@@ -56,25 +127,25 @@ def judge_stiffness(posterior: AnyPosterior, name: str) -> Verdict:
     ModelError
         If there is no such quantity.
     """
-    error = partial(quantile_error, posterior.by_ensemble(name))
-    rule = posterior.rule(name)
+    error = partial(quantile_error, by_ensemble(posterior, name))
+    rule = rule_of(posterior, name)
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name), rule)
-    against, mesh = [*reasons_for_no_verdict(posterior)], posterior.mesh
+    against, mesh = [*reasons_for_no_verdict(posterior)], mesh_of(posterior)
     if mesh is not None and mesh.moves(name):
         against.append(Because(Reason.MESH, {"shift_sd": abs(mesh.shift_sd[name])}))
     if against:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at = [Because(Reason.AT_BOUND, _bound(posterior, name, side)) for held, side in reach if held == name]
         return replace(drawn, cls="no verdict", reasons=(*against, *at))
-    found = conclude(posterior, name, drawn, posterior.theta, lambda: posterior.likelihood_region)
-    bodies = posterior.noise_of_bodies
-    if bodies is not None and bodies.ignored and not posterior.solutions.reason(name):
+    found = conclude(posterior, name, drawn, posterior.theta, lambda: region_of(posterior))
+    bodies = measured_bodies_of(posterior)
+    if bodies is not None and bodies.ignored and not solutions_of(posterior).reason(name):
         found = replace(found, reasons=(*found.reasons, Because(Reason.BODIES, {"noise": bodies.noise})))
     return found
 
 
 def conclude(
-    posterior: AnyPosterior, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
+    posterior: Sampled, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
 ) -> Verdict:
     """Judge one stiffness by its draws, its solutions, the prior's bounds and the likelihood.
 
@@ -92,16 +163,16 @@ def conclude(
         Gives the joints that fit nearly as well as the best, which takes seconds to find.
     """
     found = drawn
-    if several := posterior.solutions.reason(name):
+    if several := solutions_of(posterior).reason(name):
         found = replace(drawn, cls="not identified", reasons=(several,))
     elif name in posterior.stiffness_names:
         found = _against_the_prior(posterior, name, drawn, theta, region)
-    right = posterior.check.explains or found.cls == "not identified"
+    right = check_of(posterior).explains or found.cls == "not identified"
     return found if right else replace(found, if_model_right=True)
 
 
 def _against_the_prior(
-    posterior: AnyPosterior, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
+    posterior: Sampled, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
 ) -> Verdict:
     """The verdict after a look at what the likelihood says, which no volume of the prior moves."""
     prior, certain = posterior.problem.prior, drawn.cls in CERTAINTY
@@ -121,7 +192,7 @@ def _against_the_prior(
             (side,) = sides
             limit, before = ends[0] if side == "upper" else ends[1], posterior.prior_values(name)
             excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
-            least = posterior.rule(name).excluded
+            least = rule_of(posterior, name).excluded
             is_open = Because(Reason.OPEN, _bound(posterior, name, side))
             bounded: VerdictClass = "bounded below" if side == "upper" else "bounded above"
             if excluded >= least:
@@ -137,11 +208,11 @@ def _against_the_prior(
     return with_test_alone(found, ends) if sought else found
 
 
-def _bound(posterior: AnyPosterior, name: str, side: Side) -> dict[str, object]:
+def _bound(posterior: Sampled, name: str, side: Side) -> dict[str, object]:
     """One bound of a prior, and whether the case states it, as the numbers of a reason."""
     bounds = posterior.problem.prior.bounds_of(name)
     assert bounds is not None
-    default = posterior.has_default_prior(name)
+    default = name in default_priors(posterior)
     return {"side": side, "bound": bounds[side == "upper"], "unit": posterior.unit(name), "default": default}
 
 
@@ -161,7 +232,7 @@ def reason_lines(verdict: Verdict) -> list[str]:
     return [text for text in (*map(str, verdict.reasons), verdict.next_to_it) if text]
 
 
-def mode_sentence(posterior: AnyPosterior) -> str:
+def mode_sentence(posterior: Sampled) -> str:
     """Why the joint mode lies outside a 95 % interval; empty where it does not."""
     ends = {name: posterior.interval(name) for name in posterior.stiffness_names}
     outside = [name for name, (low, high) in ends.items() if not low <= posterior.mode[name] <= high]

@@ -97,7 +97,7 @@ def central_joint(posterior: Posterior) -> tuple[Array, str]:
     """θ, shape (d,), at the medians of all quantities, and what it is; the joint mode where no joint has them."""
     prior, medians = posterior.problem.prior, np.median(posterior.stiffness, axis=0)
     if not prior.parametrisation.describes(medians):
-        return posterior.mode_theta, "joint mode (no passive joint has the medians)"
+        return posterior.best.theta, "joint mode (no passive joint has the medians)"
     rest = [float(n.coordinate(np.median(posterior.values(n.name)))) for n in prior.nuisances]
     return np.concatenate([prior.parametrisation.coordinates(medians), rest]), "joint of the medians"
 

@@ -10,7 +10,9 @@ from importlib.resources import files
 
 from jointbayes.phrases import listed
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.checks import checks_of
 from jointbayes.posterior.model_errors import MeshCheck
+from jointbayes.posterior.verdicts import rule_of
 from jointbayes.report.guides import packaged, terms
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, readable
@@ -53,9 +55,9 @@ def methods_text(inputs: ReportInputs) -> str:
     how = say["sampler" if moves else "importance"]
     told.append(how.format(**figures | {"moves": ", ".join(say.get(move, move) for move in moves)}))
     told.append(say["stop"].format(record.reason))
-    told += [say["check"].format(check.sentence) for check in posterior.checks]
+    told += [say["check"].format(check.sentence) for check in checks_of(posterior)]
     ran = {
-        "whiteness": any(check.whiteness is not None for check in posterior.checks),
+        "whiteness": any(check.whiteness is not None for check in checks_of(posterior)),
         "likelihood": any(math.isfinite(p.known.limit) for p in summary.parameters.values()),
         "profiles": knowledge.profiles,
         "simpler": knowledge.simpler,
@@ -102,7 +104,7 @@ def rules_of(posterior: Posterior) -> dict[VerdictRule, list[str]]:
     """Stiffnesses by the thresholds that they are judged by."""
     rules: dict[VerdictRule, list[str]] = {}
     for name in posterior.stiffness_names:
-        rules.setdefault(posterior.rule(name), []).append(name)
+        rules.setdefault(rule_of(posterior, name), []).append(name)
     return rules
 
 

@@ -16,7 +16,9 @@ from jointbayes.frf import AssembledShapes
 from jointbayes.identification import IterationHistory
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
-from jointbayes.posterior.summary import frequency_summary
+from jointbayes.posterior.checks import checks_of
+from jointbayes.posterior.summary import frequency_summary, measured_frequencies
+from jointbayes.posterior.verdicts import region_of
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.frf_curves import frf_curves, frf_unit
@@ -127,7 +129,7 @@ def plot_residuals(posterior: Posterior, *, test: str | None = None, ax: Axes | 
             'or the posterior of jb.sample(case, premises="exact")'
         )
     lines, (ax,) = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
-    drawing.draw_squares_by_line(ax, lines, posterior.checks[posterior.problem.parts.index(part)].chi2_by_line)
+    drawing.draw_squares_by_line(ax, lines, checks_of(posterior)[posterior.problem.parts.index(part)].chi2_by_line)
     return ax
 
 
@@ -194,7 +196,7 @@ def plot_profiles(posterior: Posterior, *names: str, axes: AxesArray | None = No
         If there is no such coordinate, or no data depend on one.
     """
     names = names or _of(posterior).problem.parametrisation.names
-    profiles = [_of(posterior).likelihood_region.profile(name) for name in names]
+    profiles = [region_of(_of(posterior)).profile(name) for name in names]
     axes = _axes(axes, 2.4, len(names), sharey=True)
     drawing.draw_profiles(axes, [profile.on_axis for profile in profiles])
     return axes
@@ -209,7 +211,7 @@ def plot_frequencies(posterior: Posterior, *, test: str | None = None, ax: Axes 
         If no natural frequencies were measured, or there is no such test.
     """
     part = _of(posterior).problem.part(test)
-    measured = posterior.measured_frequencies_hz if len(posterior.problem.tests) == 1 else part.test.data.lowest_hz
+    measured = measured_frequencies(posterior) if len(posterior.problem.tests) == 1 else part.test.data.lowest_hz
     if not measured:
         raise ModelError("plot_frequencies: found no measured frequencies; expected some; draw plot_frf instead")
     (ax,), guess = _axes(ax, 3.0), posterior.problem.first_guess.tolist()

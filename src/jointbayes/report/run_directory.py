@@ -11,6 +11,7 @@ from typing import Any
 from jointbayes.errors import CaseError, WriteError
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.knowledge import judged_names, rows_of
 from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.contents import one_page
@@ -109,7 +110,7 @@ def write_run(
     target.parent.mkdir(parents=True, exist_ok=True)
     with whole_directory(target) as new:
         write_into(new, report, files)
-        posterior.save(new / "posterior.nc", inputs.knowledge)
+        posterior.save(new / "posterior.nc")
         if target.is_dir():
             _require_ours(target)  # once more: hours may have passed
     return target
@@ -127,11 +128,11 @@ def judge_aloud(posterior: Posterior, progress: ProgressCallback) -> None:
     """Judge a posterior, which keeps what it found, with a line before each part that takes seconds."""
     progress(Progress("checking the model"))
     posterior.check  # noqa: B018
-    for name in posterior.judged_names:
+    for name in judged_names(posterior):
         progress(Progress("judging", name))
         posterior.verdict(name)
     progress(Progress("looking at what is known under other premises"))
-    posterior.rows  # noqa: B018
+    rows_of(posterior)
     progress(Progress("looking for the best next step, and for joints that the data rule out"))
 
 

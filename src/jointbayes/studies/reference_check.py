@@ -9,6 +9,8 @@ from jointbayes.errors import CaseError
 from jointbayes.joint import COUPLED
 from jointbayes.phrases import published_values
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.posterior import region_level
+from jointbayes.posterior.verdicts import mode_agrees, mode_distance
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import signed
 
@@ -81,15 +83,15 @@ def check_posterior(case: AnyCase, posterior: Posterior) -> CheckResult:
     """
     case = require_case(case)
     reference = require_reference(case)
-    apart = f"{posterior.mode_distance:.1e} sd apart"
+    apart = f"{mode_distance(posterior):.1e} sd apart"
     lines = [
         CheckLine("sampler", posterior.record.state.rstrip("."), "converged", posterior.converged),
-        CheckLine("mode against MAP", apart, "the same point", posterior.mode_agrees),
+        CheckLine("mode against MAP", apart, "the same point", mode_agrees(posterior)),
     ]
     exact = case.spec.data.kind == "synthetic_frf" and not case.spec.data.noise.added
     lines += [_of_quantity(posterior, i, published, exact) for i, published in enumerate(reference)]
     if not exact:
-        level = posterior.region_level(reference)
+        level = region_level(posterior, reference)
         found = published_values(level, REGION)
         lines.append(CheckLine("published values", found, f"at most {100 * REGION:g} %", level <= REGION))
     return CheckResult(tuple(lines))

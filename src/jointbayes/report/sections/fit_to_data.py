@@ -6,7 +6,7 @@ import numpy as np
 
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
-from jointbayes.posterior.compared_frfs import ComparedFrf, sentences_of_faults
+from jointbayes.posterior.compared_frfs import ComparedFrf, compared_frfs_of, sentences_of_faults
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report import drawing
@@ -33,7 +33,7 @@ def fit_section(inputs: TestInputs) -> ReportSection:
     of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
     residuals = [] if data is None else [_residuals(data, summary.check)]
     test = inputs.problem.test.name
-    compared = inputs.posterior.compared_frfs[test]
+    compared = compared_frfs_of(inputs.posterior)[test]
     blocks += [Callout("caution", foreign(text)) for text in sentences_of_faults(compared, test)]
     table = _compared(compared) if data is None else _correlations(summary.diagnosis)
     blocks += [*of_frfs[:_FIRST], *residuals, *table, *of_frfs[_FIRST:]]

@@ -6,6 +6,7 @@ import numpy as np
 
 from jointbayes.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior import Knowledge, Posterior
+from jointbayes.posterior.decision import premises_of
 from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
 from jointbayes.posterior.identifiability import LIMIT_LEVEL, VerdictClass, limit_in_words
@@ -30,7 +31,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     blocks: list[Block] = freed_blocks(knowledge) if knowledge.freed else []
     blocks += _decides_blocks(knowledge.decides) if knowledge.decides else []
     blocks += [Paragraph(foreign(text)) for text in range_sentences(knowledge)]
-    if premises := inputs.posterior.premises_sentences:
+    if premises := premises_of(inputs.posterior):
         blocks.insert(0, Paragraph(foreign(" ".join(premises))))
     if knowledge.bounds_sentence:
         blocks.append(Paragraph(f"**{knowledge.bounds_sentence}**"))

@@ -6,6 +6,8 @@ import numpy as np
 
 from jointbayes.phrases import published_values
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.posterior import region_level
+from jointbayes.posterior.sampled import prior_stiffness
 from jointbayes.posterior.summary import Summary
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
@@ -42,7 +44,7 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     blocks.append(_table(inputs))
     blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))
     if reference is not None:
-        level = posterior.region_level(reference)
+        level = region_level(posterior, reference)
         blocks.append(Paragraph(f"The published values {published_values(level)}."))
     return ReportSection("posterior", "Posterior", tuple(blocks))
 
@@ -51,11 +53,11 @@ def corner_values(posterior: Posterior) -> tuple[list[str], Array, Array, Array 
     """Labels of the joint's coordinates, and draws, prior draws, published values and mode in their terms."""
     parametrisation = posterior.problem.parametrisation
     scale = np.array([axis.axis_scale for axis in parametrisation.axes])
-    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, posterior.prior_stiffness))
+    draws, prior = (parametrisation.coordinates(k) * scale for k in (posterior.stiffness, prior_stiffness(posterior)))
     point, reference = None, None if posterior.case is None else posterior.case.reference
     if reference is not None and parametrisation.describes(reference):
         point = parametrisation.coordinates(reference) * scale
-    mode = posterior.problem.prior.joint(posterior.mode_theta) * scale
+    mode = posterior.problem.prior.joint(posterior.best.theta) * scale
     return [axis.axis_label for axis in parametrisation.axes], draws, prior, point, mode
 
 

@@ -9,10 +9,12 @@ import numpy as np
 
 from jointbayes.inference import Problem, Test
 from jointbayes.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
+from jointbayes.posterior.decision import unseen_inputs
 from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
 from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_quantities
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.summary import OF_A_TEST
+from jointbayes.posterior.verdicts import describe_solutions
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
@@ -264,10 +266,10 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     if premises.reason:
         parts.append(f"{sentence_start(premises.decision)}.")
     parts += [premises.asked] if premises.asked else []
-    parts += inputs.posterior.unseen_inputs
+    parts += unseen_inputs(inputs.posterior.problem)
     if summary.no_verdict:
         parts.append("The model misses the data: intervals from such a fit are too narrow.")
-    if solutions := inputs.posterior.solutions.description:
+    if solutions := describe_solutions(inputs.posterior):
         parts.append(foreign(solutions))
     parts += _reasons(answers[0].known)
     if summary.left_out:

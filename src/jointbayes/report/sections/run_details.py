@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from jointbayes.identification import IterationHistory, missing_for_iteration
 from jointbayes.joint import Quantity
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.verdicts import mode_agrees, mode_distance
 from jointbayes.report import drawing
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import coordinate_labels, foreign, listed_names
@@ -19,9 +20,9 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
     posterior, estimate = inputs.posterior, inputs.posterior.estimate
     every = len(estimate.starts)
     text = f"The best fit was found from {every - len(estimate.failed_starts)} of {every} starting points; "
-    away = number(posterior.mode_distance, 2)
+    away = number(mode_distance(posterior), 2)
     text += (
-        "none was better." if posterior.mode_agrees else f"a draw leads to another, {away} standard deviations away."
+        "none was better." if mode_agrees(posterior) else f"a draw leads to another, {away} standard deviations away."
     )
     if estimate.sentence:
         text += f" {estimate.sentence}"

@@ -5,6 +5,7 @@ import math
 from jointbayes.phrases import DO_NOT_USE
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.summary import Summary, TestSummary
+from jointbayes.posterior.verdicts import default_priors, mode_agrees, mode_distance
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Kind, Light, Lights
@@ -35,11 +36,12 @@ def _calculation(inputs: ReportInputs) -> tuple[str, str]:
     if not posterior.converged:
         how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
         return "not settled", f"Not settled: {DO_NOT_USE}. {how}"
-    if not posterior.mode_agrees:
-        away = number(posterior.mode_distance, 2)
+    if not mode_agrees(posterior):
+        away = number(mode_distance(posterior), 2)
         return "best fit missed", f"The search missed the best fit: it lies {away} standard deviations away."
     # A default range is no statement of the user, so no one is asked to widen it.
-    edges = [name for name in posterior.at_prior_edge if not posterior.has_default_prior(name)]
+    at_edge, default = posterior.problem.prior.coordinates_at_edge(posterior.best.theta), default_priors(posterior)
+    edges = [name for name in at_edge if name not in default]
     if edges and not posterior.problem.premises.of_modes:
         text = f"The best fit lies on the edge of the prior of {foreign(', '.join(edges))}: widen it."
         return "edge of a stated prior", text
