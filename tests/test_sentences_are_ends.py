@@ -43,7 +43,7 @@ ALLOWED = {
     "jointbayes/stored_values.py": ("words of pydantic's errors", {"stored_value"}),
     "jointbayes/studies/workers.py": ("words of Python's errors", {"attempt", "_cluster"}),
     # markup: what typesets a text as a whole, whatever it says
-    "jointbayes/posterior/run_record.py": ("groups of digits", {"state"}),
+    "jointbayes/posterior/sampled.py": ("groups of digits", {"state"}),
     "jointbayes/progress.py": ("colon of a progress bar", {"report"}),
     "jointbayes/report/canvas.py": ("formulas of axes", {"", "text"}),
     "jointbayes/report/drawing.py": ("line break in a title", {"draw_wireframes"}),

@@ -23,11 +23,11 @@ ROOMS = {
     "inference": (2500, 2740),
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
-    "posterior": (3700, 4930),
+    "posterior": (3700, 4950),
     "studies": (1700, 1740),
-    "case": (4000, 5000),
-    "report": (2900, 3575),
-    "cli and what stands alone": (1400, 1865),
+    "case": (4000, 4945),
+    "report": (2900, 3585),
+    "cli and what stands alone": (1400, 1875),
 }
 
 

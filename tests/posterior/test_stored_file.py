@@ -142,9 +142,10 @@ def test_a_file_with_a_case_in_place_of_its_problem_is_refused(tmp_path):
     assert "found file version 1, which holds the text of a case" in refusal(copied(tmp_path, FRF, change))
 
 
-def test_of_a_file_whose_verdicts_were_sentences_the_draws_are_read_and_judged_again(tmp_path):
+@pytest.mark.parametrize("version", [2, 3])
+def test_of_a_file_of_an_earlier_version_the_draws_are_read_and_judged_again(version, tmp_path):
     def change(record):
-        record["file_version"] = 2
+        record["file_version"] = version
         record["knowledge"] = {"freed": [{"known": {"k11": {"verdict": "not identified"}}}]}
 
     old, new = load_posterior(copied(tmp_path, FRF, change)), load_posterior(FRF)

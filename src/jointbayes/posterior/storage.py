@@ -572,7 +572,7 @@ def _public_class(name: str) -> type | None:
 
 
 #: Of the file: raised when an older reader would misread it. Version 1 held the text of a case instead of a problem.
-FILE_VERSION = 3
+FILE_VERSION = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -646,12 +646,15 @@ def parse_record(text: str, where: str) -> FileRecord:
             f"{where}: found file version 1, which holds the text of a case instead of a problem; expected "
             f"{FILE_VERSION}; sample again"
         )
-    if version not in (2, FILE_VERSION) or isinstance(version, float):
+    if version not in (2, 3, FILE_VERSION) or isinstance(version, float):
         raise MeasurementError(
             f"{where}: found file version {version!r:.60}; expected {FILE_VERSION} or less; "
             "read it with the jointbayes that wrote it, or a later one"
         )
-    record = stored_value(FileRecord, {**plain, "map": _with_values(plain.get("map"))}, f"{where}: record")
+    plain |= {"map": _with_values(plain.get("map"))}
+    if version < FILE_VERSION:  # its findings were of other forms: they are found from the draws again
+        plain = {key: value for key, value in plain.items() if key != "knowledge"} | {"found": {}}
+    record = stored_value(FileRecord, plain, f"{where}: record")
     found = {
         name: stored_value(
             get_type_hints(KEPT[name], include_extras=True)["return"], finding, f"{where}: record.{name}"
