@@ -12,9 +12,6 @@ import click
 from jointbayes.cli.output import manner, manner_option, say, warn
 from jointbayes.cli.progress_display import show_progress, show_stage
 from jointbayes.errors import CaseError
-from jointbayes.posterior.knowledge import assumptions_of
-from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of
-from jointbayes.posterior.verdicts import solution_sentences
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -105,7 +102,9 @@ def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "P
 def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
     """Print convergence, verdicts, and what may be wrong with them."""
     from jointbayes.posterior.identifiability import LIMIT_NOTE
-    from jointbayes.posterior.verdicts import line_of, reason_lines
+    from jointbayes.posterior.knowledge import assumptions_of
+    from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of
+    from jointbayes.posterior.verdicts import line_of, reason_lines, solution_sentences
 
     limited = False
     say(posterior.record.state)

@@ -12,8 +12,6 @@ from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
 from jointbayes.cli.targets import force_option, require_free, require_outside
 from jointbayes.errors import CaseError
-from jointbayes.posterior.checks import checks_of
-from jointbayes.posterior.diagnosis import diagnoses_of
 from jointbayes.progress import Progress
 
 if TYPE_CHECKING:
@@ -36,6 +34,8 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
       jointbayes run my_case.toml --out reports/first --seed 2
     """
     case = common.load(config)
+    from jointbayes.posterior.checks import checks_of
+    from jointbayes.posterior.diagnosis import diagnoses_of
     from jointbayes.posterior.prediction import sentences_of_left_out
     from jointbayes.report.inputs import ReportInputs
     from jointbayes.report.kept_draws import draws_kept
