@@ -16,6 +16,7 @@ from jointbayes.posterior.knowledge import UncertainInputsRow, _row
 from jointbayes.posterior.model_errors import mesh_of
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
+from jointbayes.progress import Budget
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
 from tests.conftest import CONFIGS
 from tests.posterior.test_stored_file import copied, refusal, replaced
@@ -59,7 +60,7 @@ def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_st
 @pytest.mark.parametrize("name", ["youngs_modulus", "density"])
 def test_spreads_of_first_order_are_those_of_draws(found, posterior, name):
     problem = posterior.case.workshop_problem
-    sampled = _row(posterior, problem, (name,), np.random.default_rng(5))
+    sampled = _row(posterior, problem, (name,), np.random.default_rng(5), Budget())
     drawn = math.log(ratio_of(sampled.interval("k22"))) / (2 * 1.96)
     assert found.alone[name]["k22"] == pytest.approx(drawn, rel=0.25)
 

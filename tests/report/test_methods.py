@@ -177,5 +177,5 @@ def test_the_section_has_the_paragraph_and_a_file_has_what_it_cites(inputs, tmp_
 
 def test_a_study_cites_what_its_text_names():
     text = report_text("nested")
-    assert "nested sampling took over" in text
+    assert "Nested sampling was asked for" in text
     assert references(text).startswith("@article{speagle2020,")
