@@ -130,7 +130,7 @@ def same(before: Path, new: Path, seed: int) -> None:
       jointbayes same before.uff after.uff
       jointbayes same reports/before reports/new --json
     """
-    measured = [given for given in (before, new) if given.suffix not in (".toml", ".nc") and not given.is_dir()]
+    measured = [given for given in (before, new) if given.is_file() and given.suffix not in (".toml", ".nc")]
     if len(measured) == 1:
         words = "expected two cases or posteriors, or two measurement files; write a case for it"
         raise CaseError(f"{measured[0]}: found one measurement file; {words}: jointbayes init --from {measured[0]}")

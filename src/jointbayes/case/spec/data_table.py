@@ -106,6 +106,11 @@ def _signed(text: str) -> str:
     return text
 
 
+def _channel_table(value: object) -> object:
+    """A channel that is a DOF alone, as the table it stands for; the JSON schema knows it by its name."""
+    return {"dof": value} if isinstance(value, str) else value
+
+
 _DOF = key_field('a DOF such as "11:y", or "-11:y" if it points the other way', "11:y")
 _UNIT = key_field(
     'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
@@ -249,9 +254,7 @@ _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 _Band = tuple[Annotated[float, Field(ge=0)], Positive]
-_Channels = dict[
-    str, Annotated[ChannelSpec, BeforeValidator(lambda value: {"dof": value} if isinstance(value, str) else value)]
-]
+_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
 
 
 class MeasuredSpec(DataTable):

@@ -19,6 +19,7 @@ from pydantic import (
     Field,
     PrivateAttr,
     Strict,
+    ValidatorFunctionWrapHandler,
     WrapValidator,
 )
 
@@ -65,6 +66,11 @@ LAW = key_field('the damping law, "modal", "loss_factor" or "rayleigh"', "modal"
 _RATIO = key_field("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
 
 
+def _or_measured(value: object, ratios: ValidatorFunctionWrapHandler) -> object:
+    """No ratio where they are to be those that the data show; the JSON schema knows it by its name."""
+    return () if value == "measured" else ratios(value)
+
+
 class DampingSpec(Spec):
     """What is asked of a damping law's table."""
 
@@ -91,7 +97,7 @@ class ModalDampingSpec(DampingSpec):
     """
 
     law: Annotated[Literal["modal"], LAW]
-    ratio: Annotated[Ratios, WrapValidator(lambda value, each: () if value == "measured" else each(value)), _RATIO]
+    ratio: Annotated[Ratios, WrapValidator(_or_measured), _RATIO]
 
     @property
     def values(self) -> dict[str, tuple[float, ...]]:
@@ -216,8 +222,13 @@ else:
 POINT = re.compile(r"[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}")
 
 
+def _point_name(name: object) -> object:
+    """Digits of a number; the JSON schema knows it by its name."""
+    return str(name) if type(name) is int else name
+
+
 #: The name of a point; a number stands for its digits.
-PointName = Annotated[str, BeforeValidator(lambda name: str(name) if type(name) is int else name)]
+PointName = Annotated[str, BeforeValidator(_point_name)]
 
 Absence = tuple[str, str, str]
 """What was found where a DOF does not exist, what is expected, and what to do."""
