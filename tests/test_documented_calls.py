@@ -131,6 +131,7 @@ def test_every_call_in_a_line_of_text_is_run(clone):
     section = jb.Section.circle(0.02)
     names = {
         "jb": jb,
+        "jointbayes": jb,
         "az": az,
         "case": case,
         "problem": case.problem,
