@@ -158,8 +158,8 @@ def test_a_figure_of_a_posterior_is_of_nothing_else(draw, kind, cheap_posterior,
 
 
 def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, monkeypatch):
-    monkeypatch.setattr(type(cheap_posterior), "checks", None)
-    monkeypatch.setattr(type(cheap_posterior), "diagnoses", None)
+    monkeypatch.setattr("jointbayes.report.plots.checks_of", None)
+    monkeypatch.setattr("jointbayes.report.plots.frequency_summary", None)
     with pytest.raises(jb.ModelError, match="found no measured frequencies; expected some; draw plot_frf"):
         jb.plot_frequencies(replace(cheap_posterior, case=None))
 
