@@ -4,14 +4,20 @@ from types import SimpleNamespace
 
 import pytest
 
+from jointbayes.report.sections import trust
 from jointbayes.report.sections.trust import FINDINGS, _calculation
 
 
 @pytest.mark.parametrize(("default", "finding"), [(True, "settled"), (False, "edge of a stated prior")])
-def test_a_best_fit_at_the_edge_is_a_finding_only_where_the_case_states_the_prior(default, finding):
+def test_a_best_fit_at_the_edge_is_a_finding_only_where_the_case_states_the_prior(default, finding, monkeypatch):
+    monkeypatch.setattr(trust, "mode_agrees", lambda _: True)
     posterior = SimpleNamespace(
-        converged=True, mode_agrees=True, at_prior_edge=("k11",), has_default_prior=lambda _: default,
-        problem=SimpleNamespace(premises=SimpleNamespace(of_modes=False)), record=SimpleNamespace(state="Converged."),
+        converged=True, best=SimpleNamespace(theta=None), record=SimpleNamespace(state="Converged."),
+        case=SimpleNamespace(default_priors=("k11",) * default),
+        problem=SimpleNamespace(
+            premises=SimpleNamespace(of_modes=False),
+            prior=SimpleNamespace(coordinates_at_edge=lambda _: ("k11",)),
+        ),
     )  # fmt: skip
     found, text = _calculation(SimpleNamespace(posterior=posterior, summary=SimpleNamespace(mesh=None)))
     assert (found, "widen" in text) == (finding, not default)
