@@ -225,7 +225,7 @@ def test_models_are_frozen_and_check_what_python_code_builds():
     with pytest.raises(pydantic.ValidationError):
         case.title = "other"
     with pytest.raises(pydantic.ValidationError, match=r"prior\.k22"):
-        CaseSpec.model_validate(case.model_dump() | {"prior": {}})
+        CaseSpec.model_validate(case.model_dump() | {"prior": {"k22": 3}})
 
 
 MODELS = [Spec]
