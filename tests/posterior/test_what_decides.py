@@ -113,9 +113,10 @@ def test_a_file_keeps_combinations_mesh_and_diagnoses_and_refuses_what_does_not_
     posterior.save(tmp_path / "draws.nc")
     for name in ("knowledge.name_directions", "model_errors.check_mesh", "diagnosis.diagnose"):
         monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found again"))
-    again = gather_knowledge(jb.load_posterior(tmp_path / "draws.nc"))
-    assert mesh_of(again) == mesh_of(posterior)
-    assert repr(diagnoses_of(again)) == repr(diagnoses_of(posterior))
+    loaded = jb.load_posterior(tmp_path / "draws.nc")
+    again = gather_knowledge(loaded)
+    assert mesh_of(loaded) == mesh_of(posterior)
+    assert repr(diagnoses_of(loaded)) == repr(diagnoses_of(posterior))
     assert repr(again.directions) == repr(known.directions)  # NaN is unlike itself
     assert again.decides.sentence == known.decides.sentence
     assert [step.words for step in again.next_steps] == [step.words for step in known.next_steps]
