@@ -132,7 +132,12 @@ def _intervals(kept: Mapping[str, Any], found: Mapping[str, Any]) -> Iterator[Di
         one, other = kept["parameters"][name], found["parameters"][name]
         low, high = one["interval95"]
         for key in ("median", "interval95"):
-            ends = (one[key], one[f"{key}_error"], other[key], other[f"{key}_error"])
+            # the error of a median is less than that of an end
+            errors = [
+                each["interval95_error"] if key == "interval95" else max(each["interval95_error"])
+                for each in (one, other)
+            ]
+            ends = (one[key], errors[0], other[key], errors[1])
             for there, its_error, here, error in zip(*map(_listed, ends), strict=True):
                 if abs(there - here) > max(_WIDTHS * (high - low), _ERRORS * math.hypot(its_error, error)):
                     yield _difference(f"summary.parameters.{name}.{key} (draws of two arithmetics)", there, here)
