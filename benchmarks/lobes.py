@@ -22,7 +22,7 @@ def main() -> None:
         run, there = Path(directory) / "run", Path(directory) / "there"
         for command in (
             ["run", str(ROOT / "configs" / "spindle_tool.toml"), "--out", str(run), "--quiet"],
-            ["predict", str(run), str(ROOT / "examples" / "longer_tool.toml"), "--out", str(there), "--quiet"],
+            ["predict", str(run), str(ROOT / "examples" / "longer_tool.toml"), "--out", str(there), "--allow-outside"],
         ):
             ended = CliRunner().invoke(jointbayes, command, catch_exceptions=False)
             assert ended.exit_code == 0, ended.output
