@@ -135,7 +135,7 @@ def predict_lobes(posterior: Posterior, other: OtherCase, test: str | None = Non
             other.recipe, Ports(lines, (dof,), (dof,)), other.joint, uncertain=other.uncertain, own=other.own,
             test=test, max_draws=_LOBE_DRAWS,
         ).values[:, :, 0, 0]
-        for dof in {asked.x: None, asked.y: None}
+        for dof in dict.fromkeys((asked.x, asked.y))
     }  # fmt: skip
     cut = Cut(asked.teeth, 1e6 * asked.kt_mpa, asked.kr, asked.immersion, asked.milling == "up")
     speeds = np.linspace(asked.speed_min_rpm, asked.speed_max_rpm, _SPEEDS)
@@ -243,15 +243,14 @@ def joint_sentences(posterior: Posterior) -> tuple[str, ...]:
     A premise that a verdict needs is one that the prediction needs: without it the draws of the joint would lie wider.
     """
     verdicts = {name: posterior.verdict(name) for name in posterior.stiffness_names}
-    sentences = []
-    needs = {verdict.if_exact: verdict for verdict in verdicts.values() if verdict.if_exact}
-    for words, verdict in needs.items():
-        names = [name for name, each in verdicts.items() if each.if_exact == words]
-        without = [f"{name} {each.next_to_it}" for name, each in verdicts.items() if name in names and each.next_to_it]
-        text = (
-            f"The prediction holds {words}: {listed(names)} {'is' if len(names) == 1 else 'are'} {verdict.plain_words}"
-        )
-        sentences.append(f"{text} only then. {'; '.join(without)}{'.' if without else ''}".strip())
+    sentences, by_premises = [], dict[str, list[str]]()
+    for name, verdict in verdicts.items():
+        if verdict.if_exact:
+            by_premises.setdefault(verdict.if_exact, []).append(name)
+    for words, names in by_premises.items():
+        held = ", ".join(f"{name} is {verdicts[name].plain_words}" for name in names)
+        without = "; ".join(f"{name} {verdicts[name].next_to_it}" for name in names if verdicts[name].next_to_it)
+        sentences.append(f"The prediction holds {words}. Only then {held}.{without and f' {without}.'}")
     if loose := [name for name, verdict in verdicts.items() if verdict.cls in ("not identified", "no verdict")]:
         sentences.append(
             f"{listed(loose)} {'is' if len(loose) == 1 else 'are'} not known from the test. Where this structure loads "
