@@ -49,6 +49,23 @@ class Budget:
         """Whether the stage has to end with what there is."""
         return self.spent >= self.most
 
+    def watch(self, evaluations: Callable[[], int]) -> Callable[[], bool]:
+        """Return a function that charges what was evaluated since its last call, and says whether the budget is spent.
+
+        Parameters
+        ----------
+        evaluations
+            Gives the number of evaluations so far; those before this call are not charged.
+        """
+        counted = evaluations()
+
+        def is_spent() -> bool:
+            nonlocal counted
+            self.spent, counted = self.spent + evaluations() - counted, evaluations()
+            return self.is_spent
+
+        return is_spent
+
     def __str__(self) -> str:
         return f"stopped after {self.most} evaluations of the density (max_evaluations)"
 

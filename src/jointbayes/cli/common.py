@@ -116,10 +116,8 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
             say(f"    {line}")
     if limited:
         say(LIMIT_NOTE)
-    for line in assumptions_of(posterior):
-        say(line)
     bounds = knowledge.bounds_sentences if knowledge else ()
-    for line in (*bounds, *solution_sentences(posterior)):
+    for line in (*assumptions_of(posterior), *bounds, *solution_sentences(posterior)):
         say(line)
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)

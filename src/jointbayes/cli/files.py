@@ -1,4 +1,4 @@
-"""Commands on files before there is a posterior: init, validate, schema, simulate, inspect."""
+"""Commands on files before there is a posterior: init, validate, schema, inspect."""
 
 import re
 import sys

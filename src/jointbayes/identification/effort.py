@@ -152,9 +152,9 @@ def search_further(
         effort = SearchEffort(squares, limit, len(reached), sum(reached), rounds, density - first, last_gain)
         agreed = effort.agreeing >= max(AGREED * effort.starts, LEAST_AGREEING)
         in_vain = rounds > 0 and last_gain < GAIN and not many
-        if search.is_spent:
+        if search.is_spent():
             progress(Progress("searching for the best fit", str(search.budget)))
-        if effort.explains or agreed or rounds == ROUNDS or in_vain or search.is_spent:
+        if effort.explains or agreed or rounds == ROUNDS or in_vain or search.is_spent():
             return effort
         rounds += 1
         text = (

@@ -63,7 +63,8 @@ class ModeSearch:
         self, log_posterior: LogPosterior, progress: ProgressCallback = tell_nobody, budget: Budget | None = None
     ) -> None:
         self._posterior, self._progress, self.budget = log_posterior, progress, budget or Budget()
-        self._counted = log_posterior.evaluations
+        #: Whether the search has to end with what it has; all evaluations of the density count.
+        self.is_spent = self.budget.watch(lambda: log_posterior.evaluations)
         self._begun: dict[str, Array] = {}  # quantities of the joint by the start's name
         self._ends: dict[str, tuple[Array, float]] = {}
         self._refined: list[_Refined] = []
@@ -86,13 +87,6 @@ class ModeSearch:
         # of ends that are equally good the first: a further start that leads to a known mode changes nothing
         first = next(end for end in self._refined if end.log_density >= highest - _SAME_DENSITY)
         return first.theta, first.log_density
-
-    @property
-    def is_spent(self) -> bool:
-        """Whether the search has to end with what it has; all evaluations since the last look count."""
-        self.budget.spend(self._posterior.evaluations - self._counted)
-        self._counted = self._posterior.evaluations
-        return self.budget.is_spent
 
     def reached(self) -> dict[str, bool]:
         """Whether each start, by name, ended at the best mode; of those at which the density has a value."""
@@ -143,7 +137,7 @@ class ModeSearch:
             Gives the images, shape (n, d), of a mode, shape (d,), see `jointbayes.identification.mode_search`.
         """
         sd = self._posterior.prior.sd
-        while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES and not self.is_spent:
+        while self._examined < len(self._refined) and len(self._imaged) < _MOST_MODES and not self.is_spent():
             mode = self._refined[self._examined]
             self._examined += 1
             pairs = ((end.theta, mode.theta, min(end.log_density, mode.log_density)) for end in self._imaged)
@@ -166,7 +160,7 @@ class ModeSearch:
         """
         prior, gained = self._posterior.prior, True
         low, high = (np.clip(end, *prior.mean + _WIDE * np.outer((-1, 1), prior.sd)) for end in prior.support)
-        while gained and not self.is_spent:
+        while gained and not self.is_spent():
             theta, density = self.best
             moved = np.tile(theta, (len(prior.marginals), len(_PLACES), 1))
             for column, rows in enumerate(moved):
@@ -188,7 +182,7 @@ class ModeSearch:
     def _climbed(self, theta: Array, weights: Sequence[Array]) -> Array:
         def tell(done: int, count: int) -> bool:
             self._progress(Progress(SEARCHING, done=done, total=count, unit="starts"))
-            return self.is_spent
+            return self.is_spent()
 
         for weight in weights:
             theta, _ = climb_all(PosteriorSquares(self._posterior, weight), theta, _ROUGH_STEPS, tell)
@@ -212,7 +206,7 @@ class ModeSearch:
                     break
             # before the noise model's parameters are improved a density says little
             sure = self._posterior.likelihood.hyper_count == 0 and bool(self._refined)
-            left = 0 if self._refined and self.is_spent else left
+            left = 0 if self._refined and self.is_spent() else left
             if mode is None and left and not (sure and density < self.best[1] - _LOWEST - _UNREFINED):
                 mode = _Refined(theta, density, *refine(self._posterior, theta))
                 self._refined.append(mode)

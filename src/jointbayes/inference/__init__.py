@@ -1,7 +1,6 @@
 """Priors, likelihoods and the posterior density of a joint's coordinates."""
 
 from jointbayes.inference.hypotheses import hypothesis_problem as hypothesis_problem
-from jointbayes.inference.hypotheses import with_joint as with_joint
 from jointbayes.inference.landing import Landing as Landing
 from jointbayes.inference.likelihood import FrfLikelihood as FrfLikelihood
 from jointbayes.inference.likelihood_base import Likelihood as Likelihood

@@ -30,11 +30,7 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     """
     if hypothesis not in HYPOTHESES:
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    return with_joint(problem, joint_under_hypothesis(problem.parametrisation, hypothesis))
-
-
-def with_joint(problem: Problem, joint: Parametrisation) -> Problem:
-    """Return the problem with another parametrisation of its joints; priors of what stays free are as they were."""
+    joint = joint_under_hypothesis(problem.parametrisation, hypothesis)
     marginal_by_name: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)
     for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):

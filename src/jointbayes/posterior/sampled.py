@@ -305,7 +305,7 @@ def once(study: Study[Subject, Asked, Finding]) -> Study[Subject, Asked, Finding
 
     @wraps(study)
     def found(posterior: Subject, /, *args: Asked.args, **kwargs: Asked.kwargs) -> Finding:
-        key = (study.__name__, *args)
+        key = (study.__name__, *args, *kwargs.items())
         if key not in posterior._found:
             posterior._found[key] = study(posterior, *args, **kwargs)
         finding: Finding = posterior._found[key]

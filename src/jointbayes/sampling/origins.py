@@ -137,15 +137,9 @@ def draws_from_two_origins(
     O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), DOI 10.1007/s11222-008-9059-x.
     A. Owen, Y. Zhou, Safe and effective importance sampling (2000), DOI 10.1080/01621459.2000.10473909.
     """
-    density, budget, counted = Checked(ground.log_density), budget or Budget(), ground.evaluations
-    places, found, climbs, begun = [modes, modes[:0]], None, _LANDED, counted
-
-    def is_spent() -> bool:
-        nonlocal counted
-        budget.spend(ground.evaluations - counted)
-        counted = ground.evaluations
-        return budget.is_spent
-
+    density, begun = Checked(ground.log_density), ground.evaluations
+    is_spent = (budget or Budget()).watch(lambda: ground.evaluations)
+    places, found, climbs = [modes, modes[:0]], None, _LANDED
     for _ in range(_TRIALS):
         # 1. climb down from all of the prior
         landings = [ground.land(climbs, rng) for _ in places] if climbs else []

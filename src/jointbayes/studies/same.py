@@ -23,10 +23,11 @@ from jointbayes.joint.quantities import prefixed
 from jointbayes.phrases import listed, not_converged
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.evidence import evidence_about_modes
-from jointbayes.posterior.evidence_table import STRONG, EvidenceTable, is_close, odds
+from jointbayes.posterior.evidence_table import STRONG, EvidenceTable
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
 from jointbayes.structure.recipe import is_damping
+from jointbayes.studies.same_modes import change_in_words
 from jointbayes.workflow import find_map
 from vibrecords.arrays import Array
 
@@ -135,13 +136,7 @@ class JointChange:
                 yield f"{k.name} has not changed by more than chance, all stiffnesses together: {k.how_much}."
             else:
                 yield f"{k.name} has {'' if k.shown else 'not '}changed: {k.how_much}."
-        weight = f"odds {odds(abs(self.two_log_b))}, all stiffnesses together"
-        if is_close(abs(self.two_log_b)):
-            yield f"Cannot decide whether the joint has changed: {weight}."
-        elif self.two_log_b > 0:
-            yield f"The joint has {'' if self.changed else 'probably '}changed: {weight}."
-        else:
-            yield f"The joint has not changed: {weight}."
+        yield change_in_words("joint has", self.two_log_b, "all stiffnesses together")
         if self.together:
             yield f"The whole joint moves {self.together.name} by {self.together.how_much}."
         yield from self.premises

@@ -102,12 +102,25 @@ class ModesChange:
             if modes:
                 yield f"Only in {file}: {', '.join(f'{hz:.5g}' for hz in modes)} Hz."
         for what, twice in self.two_log_b.items():
-            weight = f"odds {odds(abs(twice))}, all modes together"
-            have = "have" if twice > STRONG or is_close(abs(twice)) else "have probably" if twice > 0 else "have not"
-            yield f"{'Cannot decide whether the' if is_close(abs(twice)) else 'The'} {what} {have} changed: {weight}."
+            yield change_in_words(f"{what} have", twice, "all modes together")
         said = " and ".join(f"{what} to {100 * sd:g} %" for what, sd in _REPEATS.items())
         yield f"Assumed: a set-up that is not touched repeats its {said}. A repeated test shows this."
         yield "Which stiffness has changed, and by how much: give a case for each file."
+
+
+def change_in_words(what: str, two_log_b: float, together: str) -> str:
+    """Say whether something has changed, from 2 ln B of a change against none.
+
+    Examples
+    --------
+    >>> change_in_words("joint has", -9.0, "all stiffnesses together")
+    'The joint has not changed: odds 90 to 1, all stiffnesses together.'
+    """
+    weight = f"odds {odds(abs(two_log_b))}, {together}"
+    if is_close(abs(two_log_b)):
+        return f"Cannot decide whether the {what} changed: {weight}."
+    sure = "" if two_log_b > STRONG else "probably " if two_log_b > 0 else "not "
+    return f"The {what} {sure}changed: {weight}."
 
 
 def compare_modes(before: Path, new: Path) -> ModesChange:
