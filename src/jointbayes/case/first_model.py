@@ -14,7 +14,7 @@ from jointbayes.structure.imported.fe_model import DIRECTIONS, FeModel
 from jointbayes.structure.imported.read import UNITS, holds_matrices, read_structure
 from vibrecords.arrays import Array
 from vibrecords.formats.read import detect_format
-from vibrecords.formats.uff_data_sets import scan
+from vibrecords.formats.uff_data_sets import places_of_points
 from vibrecords.records import parse_dof
 
 #: Endings of files that only a model has, and the key of `[structure]` that names each.
@@ -90,7 +90,10 @@ class FirstModel:
             except ModelError as error:
                 if unit == list(UNITS)[-1]:
                     raise ModelError(f"{error}; a further file of the model is named behind --from, too") from None
-        points = {node: place for path in measured for node, place in _places(path).items()}
+        points: dict[int, Array] = {}
+        for path in measured:
+            if path.is_file() and detect_format(path) == "uff":
+                points |= places_of_points(path)
         return cls(names, model, unit, points)
 
     @cached_property
@@ -157,22 +160,3 @@ class FirstModel:
         yield "[joint]"
         yield 'kind = "springs"'
         yield f"dofs = {toml_value([f'joint:{DIRECTIONS[way - 1]}' for way in ways])}"
-
-
-def _places(path: Path) -> dict[int, Array]:
-    """Places of the measured points in a universal file (data sets 15 and 2411), each shape (3,), in its own unit."""
-    places: dict[int, Array] = {}
-    if not path.is_file() or detect_format(path) != "uff":
-        return places
-    with path.open("rb") as file:
-        for data_set in scan(file):
-            if data_set.kind not in (15, 2411):
-                continue
-            behind = file.tell()
-            file.seek(data_set.start)
-            text = file.read(data_set.stop - data_set.start).decode("latin-1").upper().replace("D", "E")
-            words = re.sub(r"(E[+-]\d+)-", r"\1 -", text).split()  # fields may touch
-            for at in range(0, len(words) - 6, 7):  # number, two coordinate systems, colour, x, y, z
-                places[int(words[at])] = np.array([float(word) for word in words[at + 4 : at + 7]])
-            file.seek(behind)
-    return places

@@ -16,7 +16,7 @@ import math
 import re
 from array import array
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
@@ -50,6 +50,7 @@ from vibrecords.records import (
     coherence_on,
     dof_label,
     even_rate,
+    refuse_damage,
 )
 
 #: Specific data types of the format.
@@ -173,9 +174,8 @@ def function_header(lines: list[str], binary: bytes | None) -> FunctionHeader:
     if any(abs(direction) > 6 for direction in dof[1::2]):
         raise LineError(5, f"found directions {dof[1]} and {dof[3]}; expected -6 to 6; export it again")
     entities = (loose[2], loose[5]) if loose else (lines[5][30:41], lines[5][55:66])
-    form = _fields(lines, 6, ((0, 10), (10, 20), (20, 30)))
+    ordinate, count, spacing = _fields(lines, 6, ((0, 10), (10, 20), (20, 30)))
     minimum, increment = _real(lines, 6, 30, 43), _real(lines, 6, 43, 56)
-    ordinate, count, spacing = form
     if ordinate not in _TYPES:
         raise LineError(6, f"found ordinate data type {ordinate}; expected 2, 4, 5 or 6; export it again")
     if not 0 < count <= _MOST_VALUES:
@@ -243,6 +243,7 @@ _CLOSING = re.compile(rb"\n[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|\r?$)")
 BEGINNING = re.compile(rb"^[ \t]*-1[ \t]*\r?\n[ \t]*\d{2,6}(?:[ \t]*|[bB][ \d]*)\r?$", re.MULTILINE)
 #: A delimiter with its blanks up to column 80 and both line ends is no longer.
 _OVERLAP = 128
+_DAMAGED = "the file is damaged or cut off, export it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,40 +300,31 @@ def scan(file: BinaryIO) -> Iterator[UffDataSet]:
         if not line.strip() or ((number == 0 or is_ended) and not _DELIMITER.fullmatch(line)):
             continue
         if not _DELIMITER.fullmatch(line):
-            found, remedy = f"{_shown(line)} between data sets", "the file is damaged or cut off, export it again"
-            raise refusal(f"line {line_of(file, here)}", found, "the delimiter -1", remedy)
+            raise refusal(
+                f"line {line_of(file, here)}", f"{_shown(line)} between data sets", "the delimiter -1", _DAMAGED
+            )
         number += 1
-        yield _data_set(file, number)
-
-
-def _data_set(file: BinaryIO, number: int) -> UffDataSet:
-    here = file.tell()
-    line = file.readline(_LONGEST_LINE)
-    match = re.match(rb"[ \t]*(\d{1,6})([bB]?)(?=\s|$)", line)
-    if match is None:
-        actual = "the end of the file" if not line else _shown(line)
-        expected = "the number of the data set's type, such as 58"
-        remedy = "the file is damaged or cut off, export it again"
-        raise refusal(f"data set {number}, line {line_of(file, here)}", actual, expected, remedy)
-    kind, binary = int(match[1]), bool(match[2])
-    start = file.tell()
-    if kind != 58:
-        return UffDataSet(number, kind, start, _closing(file, number, start - 1))
-    header = _header(file, number, line if binary else None)
-    start = file.tell()
-    if not binary:
-        # the line end of the header may be the one before the delimiter
-        return UffDataSet(number, kind, start, _closing(file, number, start - 1), header)
-    size = header.count * header.row.itemsize
-    stop = start + size
-    file.seek(stop)
-    end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|$)", file.read(_OVERLAP))
-    if end is None:
-        found = f"no delimiter -1 after the {size} bytes of {header.count} values"
-        remedy = "the file is cut off or its counts are wrong, export it again"
-        raise refusal(f"data set {number}, line {line_of(file, here)}", found, "it there", remedy)
-    file.seek(stop + end.end())
-    return UffDataSet(number, kind, start, stop, header)
+        here, line = file.tell(), file.readline(_LONGEST_LINE)
+        match = re.match(rb"[ \t]*(\d{1,6})([bB]?)(?=\s|$)", line)
+        if match is None:
+            actual = "the end of the file" if not line else _shown(line)
+            expected = "the number of the data set's type, such as 58"
+            raise refusal(f"data set {number}, line {line_of(file, here)}", actual, expected, _DAMAGED)
+        header = _header(file, number, line if match[2] else None) if int(match[1]) == 58 else None
+        start = file.tell()
+        if header is None or not match[2]:
+            # the line end of the header may be the one before the delimiter
+            yield UffDataSet(number, int(match[1]), start, _closing(file, number, start - 1), header)
+            continue
+        size = header.count * header.row.itemsize
+        file.seek(start + size)
+        end = re.match(rb"\r?\n?[ \t]*-1[ \t]*(?:(?=\x1a)|\r?\n|$)", file.read(_OVERLAP))
+        if end is None:
+            found = f"no delimiter -1 after the {size} bytes of {header.count} values"
+            remedy = "the file is cut off or its counts are wrong, export it again"
+            raise refusal(f"data set {number}, line {line_of(file, here)}", found, "it there", remedy)
+        file.seek(start + size + end.end())
+        yield UffDataSet(number, 58, start, start + size, header)
 
 
 def _header(file: BinaryIO, number: int, binary: bytes | None) -> FunctionHeader:
@@ -385,7 +377,7 @@ def _shown(line: bytes) -> str:
     return repr(line[:30].decode("ascii", errors="replace").strip())
 
 
-#: With these alone, NumPy reads a field as we do; it would also take 1_000 for a number.
+#: With these alone, Python reads a field as we do; it would also take 1_000 for a number.
 _OF_NUMBERS = b"0123456789eE+-. \r\n"
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
@@ -433,7 +425,7 @@ def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
         raise LineError(0, _count_message(header, f"at most {size} numbers"))
     numbers, read, line = np.empty(expected), 0, 0
     for part in body:
-        some = _columns(header, part, expected - read, line)
+        some = _numbers(header, part, expected - read, line)
         numbers[read : read + some.size] = some
         read, line = read + some.size, line + part.count(b"\n")
     if read != expected:
@@ -450,26 +442,11 @@ def _widths(header: FunctionHeader) -> tuple[int, ...]:
     return (13, 20, 20) if header.is_complex else (13, 20) * 2
 
 
-def _columns(header: FunctionHeader, body: bytes, most: int, line: int) -> Array:
-    """Numbers of whole lines: all at once where every full line is as long as the first, else line by line."""
-    widths = _widths(header)
-    width, length = sum(widths), body.find(b"\n") + 1
-    full = min(most // len(widths), len(body) // max(length, 1))
-    cells = np.frombuffer(body, "S1", count=full * length).reshape(full, length)
-    ends = cells[:, width:]
-    is_even = ((ends == b"\n") | (ends == b"\r") | (ends == b" ")).all() and (ends[:, -1:] == b"\n").all()
-    if body.translate(None, _OF_NUMBERS) or length <= width or not is_even:
-        return _numbers(header, body, most, line)
-    rows = np.ascontiguousarray(cells[:, :width]).view([(f"{i}", f"S{wide}") for i, wide in enumerate(widths)])
-    try:
-        numbers = np.column_stack([rows[f"{i}"].astype(float) for i in range(len(widths))])
-    except ValueError:
-        return _numbers(header, body, most, line)
-    return np.append(numbers, _numbers(header, body[full * length :], most - numbers.size, line + full))
-
-
 def _numbers(header: FunctionHeader, body: bytes, most: int, skipped: int) -> Array:
-    """Numbers by the format's columns, or separated by blanks where the columns do not hold numbers."""
+    """Numbers of whole lines: all at once where blanks part them, else line by line by the format's columns."""
+    with suppress(ValueError):
+        if len(fields := [] if body.translate(None, _OF_NUMBERS) else body.split()) in range(1, most + 1):
+            return np.fromiter(map(float, fields), float, len(fields))
     numbers = array("d")
     for line, raw in enumerate(io.BytesIO(body), start=skipped):
         for cell in _cells_of(raw.decode("ascii", errors="replace"), _widths(header), _NUMBER):
@@ -606,6 +583,7 @@ def read_mode(body: bytes, number: int) -> ModeRecord | None:
     LineError
         If a field is no number or impossible, or a line is missing.
     """
+    # 1. the header, the parameters and the shape
     lines = body.decode("utf-8", errors="replace").splitlines()
     if len(lines) < 8:
         found = f"found {len(lines)} lines of a data set 55"
@@ -630,20 +608,9 @@ def read_mode(body: bytes, number: int) -> ModeRecord | None:
     shape = values.view(complex) if kind in (5, 6) else values
     labels = [dof_label(Dof("", node, direction)) for node in nodes for direction in _DIRECTIONS[per_node]]
     notes = [f"shape in {_MOTIONS[motion]}"] if _MOTIONS.get(motion) else []
-    frequency, ratio, mass = _parameters(analysis, [*stated, *[0.0] * 4], notes)
-    told = re.search(r"(?:mode|freq)[^=]*?(\d+\.\d+)\s*Hz", " ".join(lines[:5]), re.IGNORECASE)
-    if told and not math.isclose(float(told[1]), frequency, rel_tol=0.02, abs_tol=0.02):
-        notes.append(f"frequency {frequency:.6g} Hz, and {told[1]} Hz in an ID line")
-    sds = dict(word.split("=") for line in lines[:5] for word in line.split() if re.fullmatch(r"\w+_sd\w*=\S+", word))
-    frequency_sd, ratio_sd = (float_of(sds.get(key, "")) for key in ("frequency_sd_hz", "damping_sd"))
-    motions, where = dict(zip(labels, shape.ravel().astype(complex).tolist(), strict=True)), f"data set {number}"
-    return ModeRecord(mode, frequency, frequency_sd, ratio, ratio_sd, motions, mass, where, tuple(notes))
-
-
-def _parameters(analysis: int, stated: list[float], notes: list[str]) -> tuple[float, float | None, float | None]:
-    """Frequency, damping ratio and modal mass; what is doubtful goes to the notes."""
+    # 2. frequency, damping ratio and modal mass; what is doubtful goes to the notes
     if analysis == NORMAL_MODES:
-        frequency, mass, ratio, loss = stated[:4]
+        frequency, mass, ratio, loss = [*stated, *[0.0] * 4][:4]
         if ratio == 0 and loss != 0:
             ratio = loss / 2
             notes.append(f"damping ratio half the hysteretic damping, {loss:g}")
@@ -658,7 +625,14 @@ def _parameters(analysis: int, stated: list[float], notes: list[str]) -> tuple[f
     if ratio > _LIKELY_DAMPING:
         taken = "not taken: above critical, or in percent" if ratio >= 1 else "is high: some programs write percent"
         notes.append(f"damping ratio {ratio:.3g} {taken}")
-    return frequency, None if ratio == 0 or ratio >= 1 else ratio, mass or None
+    told = re.search(r"(?:mode|freq)[^=]*?(\d+\.\d+)\s*Hz", " ".join(lines[:5]), re.IGNORECASE)
+    if told and not math.isclose(float(told[1]), frequency, rel_tol=0.02, abs_tol=0.02):
+        notes.append(f"frequency {frequency:.6g} Hz, and {told[1]} Hz in an ID line")
+    sds = dict(word.split("=") for line in lines[:5] for word in line.split() if re.fullmatch(r"\w+_sd\w*=\S+", word))
+    frequency_sd, ratio_sd = (float_of(sds.get(key, "")) for key in ("frequency_sd_hz", "damping_sd"))
+    motions, where = dict(zip(labels, shape.ravel().astype(complex).tolist(), strict=True)), f"data set {number}"
+    damping = (None if ratio == 0 or ratio >= 1 else ratio, ratio_sd)
+    return ModeRecord(mode, frequency, frequency_sd, *damping, motions, mass or None, where, tuple(notes))
 
 
 def _integers(lines: list[str], at: int, count: int) -> list[int]:
@@ -724,7 +698,7 @@ _LISTED = {
     10: "energy spectral density",
     12: "spectrum",
 }
-_PART = 2**22  # bytes of a function that are decoded at once
+_PART = 2**20  # bytes of a function that are decoded at once
 #: An FRF has up to four: values and coherence, each with one of another type behind it in files of earlier versions.
 _MOST_SETS = 4 * MOST_RECORDS + 100
 #: Type of function, labels of response and reference, and of time histories what the sensor measures.
@@ -791,8 +765,22 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
         If the file is cut off, a count is wrong or a field is not a number.
     """
     with path.open("rb") as file:
-        source = _index(file)
-        empty = True
+        # 1. the first pass
+        source, empty = _UniversalFile(file), True
+        for data_set in scan(file):
+            behind = file.tell()
+            if data_set.number > _MOST_SETS:
+                expected = f"at most {MOST_RECORDS} FRFs and time histories with what belongs to them"
+                raise refusal("data sets", f"more than {_MOST_SETS}", expected, "split the file")
+            if data_set.kind == 164:
+                with source.located(data_set):
+                    source.units[data_set.number] = units_of(source.body(data_set, 4096))
+            else:
+                place = _place(data_set)
+                source.places.setdefault(place, []).append(data_set)
+                source.sets.append((data_set, place, len(source.places[place])))
+            file.seek(behind)
+        # 2. the records
         for data_set, place, nth in source.sets:
             record = _record(source, data_set, place, nth)
             if record is not None:
@@ -805,22 +793,27 @@ def read_uff(path: Path) -> Generator[Record, None, None]:
             raise refusal("data sets", found, "data sets 58 of function type 4 or 1, or 55 of modes", "export the FRFs")
 
 
-def _index(file: BinaryIO) -> _UniversalFile:
-    source = _UniversalFile(file)
-    for data_set in scan(file):
-        behind = file.tell()
-        if data_set.number > _MOST_SETS:
-            expected = f"at most {MOST_RECORDS} FRFs and time histories with what belongs to them"
-            raise refusal("data sets", f"more than {_MOST_SETS}", expected, "split the file")
-        if data_set.kind == 164:
-            with source.located(data_set):
-                source.units[data_set.number] = units_of(source.body(data_set, 4096))
-        else:
-            place = _place(data_set)
-            source.places.setdefault(place, []).append(data_set)
-            source.sets.append((data_set, place, len(source.places[place])))
-        file.seek(behind)
-    return source
+def places_of_points(path: Path) -> dict[int, Array]:
+    """Places of the measured points by their numbers, each shape (3,), in the file's own unit: data sets 15 and 2411.
+
+    Raises
+    ------
+    MeasurementError
+        If data sets have no end, or a field is not a number.
+    """
+    places: dict[int, Array] = {}
+    with path.open("rb") as file:
+        source = _UniversalFile(file)
+        for data_set in scan(file):
+            behind = file.tell()
+            if data_set.kind in (15, 2411):
+                text = source.body(data_set).decode("latin-1").upper().replace("D", "E")
+                words = re.sub(r"(E[+-]\d+)-", r"\1 -", text).split()  # fields may touch
+                with refuse_damage(f"data set {data_set.number}", "numbers and places of points; export it again"):
+                    for at in range(0, len(words) - 6, 7):  # number, two coordinate systems, colour, x, y, z
+                        places[int(words[at])] = np.array([float(word) for word in words[at + 4 : at + 7]])
+            file.seek(behind)
+    return places
 
 
 def _place(data_set: UffDataSet) -> Place:
@@ -854,14 +847,45 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
     axis_kind, axis_unit = header.abscissa.kind, header.abscissa.unit
     role = {17: "time", 18: "frequency"}.get(axis_kind) or axis_role(axis_unit)
     if role == ("frequency" if kind == _TIME else "time"):
-        axis = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
-        found, remedy = f"a function of type {kind} over {axis}", "correct the type of function or the axis"
+        over = f"an abscissa of type {axis_kind} and unit {axis_unit or 'none'}"
+        found, remedy = f"a function of type {kind} over {over}", "correct the type of function or the axis"
         raise refusal(where, found, "time (17, s)" if kind == _TIME else "frequency (18, Hz)", remedy)
+    if kind == _COHERENCE:
+        return None if (_FRF, response, reference, 0) in source.places else _coherence(source, data_set, place)
+    header, abscissa, ordinate = source.function(data_set)
+    count, units = len(source.places[place]), source.units_of(data_set)
     if kind == _TIME:
-        return _time(source, data_set, response, nth if len(source.places[place]) > 1 else None)
-    if kind == _FRF:
-        return _frf(source, data_set, place, nth)
-    return None if (_FRF, response, reference, 0) in source.places else _coherence(source, data_set, place)
+        if header.is_complex:
+            raise refusal(where, "complex values of a time history", "real ones", "export again")
+        scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
+        instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
+        exact = float_of(header.said("sample_rate_hz="))
+        rate = even_rate(np.asarray(instants * scale, dtype=float), where, exact)
+        named: SensorQuantity | None = _SENSORS.get(header.numerator.kind)
+        written = header.numerator.unit
+        of_file = units.force if named == "force" else units.length
+        sensor: SensorQuantity | None
+        sensor, factor, unit, notes = _meaning(written, read_sensor_unit(written), named, of_file, units)
+        values, hit = scaled(ordinate.real, factor), header.said("hit ")
+        number = int(hit) if re.fullmatch(r"\d{1,9}", hit) else nth if count > 1 else None
+        about = (unit, number, where, tuple(notes), factor)
+        return TimeRecord(response, rate, values, sensor or "unknown", *about)
+    quantity, factor, unit, notes = frf_meaning(header, units)
+    if header.function == 0:
+        notes.append("function of unknown type taken for an FRF")
+    if not header.is_complex:
+        notes.append("FRF without imaginary part")
+    lines = _frequency_hz(abscissa, header, notes)
+    of_pair = source.places.get((_COHERENCE, response, reference, 0), [])
+    if of_pair and len(of_pair) != count:
+        notes.append(f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken")
+    values = scaled(ordinate, factor).astype(complex, copy=False)
+    complete = len(of_pair) == count
+    squared = coherence_on(lines, _coherence(source, of_pair[nth - 1], place), where) if complete else None
+    decay = stated_decay_rate("; ".join(header.ids), lines)
+    notes += [WINDOW_NOTE.format(1 / decay)] if decay > 0 else []
+    said = (quantity, unit, squared, _averages(header), where, tuple(notes), factor, decay)
+    return FrfRecord(response, reference, lines, values, *said)
 
 
 def _coherence(source: _UniversalFile, data_set: UffDataSet, place: Place) -> CoherenceRecord:
@@ -869,27 +893,6 @@ def _coherence(source: _UniversalFile, data_set: UffDataSet, place: Place) -> Co
     header, abscissa, squared = source.function(data_set)
     lines, where = _frequency_hz(abscissa, header, notes), f"data set {data_set.number}"
     return CoherenceRecord(*place[1:3], lines, squared.real, _averages(header), where, tuple(notes))
-
-
-def _frf(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int) -> FrfRecord:
-    header, abscissa, ordinate = source.function(data_set)
-    _, response, reference, _ = place
-    quantity, factor, unit, notes = frf_meaning(header, source.units_of(data_set))
-    if header.function == 0:
-        notes.append("function of unknown type taken for an FRF")
-    if not header.is_complex:
-        notes.append("FRF without imaginary part")
-    lines = _frequency_hz(abscissa, header, notes)
-    of_pair = source.places.get((_COHERENCE, response, reference, 0), [])
-    count, complete = len(source.places[place]), len(of_pair) == len(source.places[place])
-    if of_pair and not complete:
-        notes.append(f"{len(of_pair)} coherences for {count} FRFs of this pair: none taken")
-    values, where = scaled(ordinate, factor).astype(complex, copy=False), f"data set {data_set.number}"
-    squared = coherence_on(lines, _coherence(source, of_pair[nth - 1], place), where) if complete else None
-    rate = stated_decay_rate("; ".join(header.ids), lines)
-    notes += [WINDOW_NOTE.format(1 / rate)] if rate > 0 else []
-    told = (quantity, unit, squared, _averages(header), where, tuple(notes), factor, rate)
-    return FrfRecord(response, reference, lines, values, *told)
 
 
 def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
@@ -907,21 +910,3 @@ def _averages(header: FunctionHeader) -> int | None:
     words = re.compile(r"\baverages?\s*[:=]?\s*(\d{1,9})\b|\b(\d{1,9})\s+averages?\b", re.IGNORECASE)
     found = (int(match[1] or match[2]) for line in header.ids if (match := words.search(line)))
     return next(filter(None, found), None)
-
-
-def _time(source: _UniversalFile, data_set: UffDataSet, channel: str, nth: int | None) -> TimeRecord:
-    header, abscissa, ordinate = source.function(data_set)
-    if header.is_complex:
-        raise refusal(f"data set {data_set.number}", "complex values of a time history", "real ones", "export again")
-    scale = TIME_S.get(header.abscissa.unit.lower(), 1.0)
-    instants = header.increment * np.arange(min(header.count, 2)) if header.even else abscissa
-    exact, place = float_of(header.said("sample_rate_hz=")), f"data set {data_set.number}"
-    rate = even_rate(np.asarray(instants * scale, dtype=float), place, exact)
-    axis, units = header.numerator, source.units_of(data_set)
-    named: SensorQuantity | None = _SENSORS.get(axis.kind)
-    of_file = units.force if named == "force" else units.length
-    quantity: SensorQuantity | None
-    quantity, factor, unit, notes = _meaning(axis.unit, read_sensor_unit(axis.unit), named, of_file, units)
-    values, hit = scaled(ordinate.real, factor), header.said("hit ")
-    nth = int(hit) if re.fullmatch(r"\d{1,9}", hit) else nth
-    return TimeRecord(channel, rate, values, quantity or "unknown", unit, nth, place, tuple(notes), factor)
