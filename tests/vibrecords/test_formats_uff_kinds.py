@@ -13,7 +13,7 @@ import pyuff
 from benchmarks.written_files import write_records
 
 from tests.vibrecords.made_files import function_58, header_164, mode_55
-from tests.vibrecords.reading import records_of, refusal
+from tests.vibrecords.reading import records_of
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, uff_data_sets
 from vibrecords.inspection import inspect_file
@@ -242,98 +242,6 @@ def test_nothing_that_could_be_read_in_two_ways_is_read_in_silence(tmp_path, nam
     assert all(r.coherence is None for r in records if isinstance(r, FrfRecord))
     warned = [f"{w.key} {w.sentence} {w.remedy}" for w in inspect_file(tmp_path / "a.uff").warnings]
     assert said in " | ".join([notes_of(records), *alone, *warned])
-
-
-MODE = mode_55(SHAPE).encode()
-COMPLEX = mode_55({4: [1j, 2, 0]}, (*POLE, 0.0, 1.0, 0.0, 0.0), analysis=3).encode()
-FUNCTION = function_58(H).encode()
-WHOLE_NUMBERS = "expected 6 whole numbers; export the modes again"
-
-
-def cut(text, lines):
-    """The first lines of a data set, closed."""
-    return b"\n".join(text.split(b"\n")[:lines]) + b"\n    -1\n"
-
-
-def put(text, line, new):
-    """Text with one line replaced, counted from 1; none where it is None."""
-    lines = text.split(b"\n")
-    lines[line - 1 : line] = [] if new is None else [new.encode()]
-    return b"\n".join(lines)
-
-
-#: Bytes, and the words of the one line that says what is wrong.
-BROKEN = {
-    **{f"mode cut behind line {n} of its header":
-        (cut(MODE, n + 2), f"found {n} lines of a data set 55; expected 8") for n in (1, 2, 5, 6, 7)},
-    "mode without its content": (cut(MODE, 2), "found 0 lines of a data set 55"),
-    "mode cut within a node": (cut(MODE, 11), "line 11: found 0 numbers; expected 3"),
-    "mode cut within its file": (MODE[:-40], "found the end of the file; expected the delimiter -1"),
-    "mode, words for its definition": (put(MODE, 8, "normal mode"), f"line 8: found 'normal mode'; {WHOLE_NUMBERS}"),
-    "mode, five numbers for its definition": (put(MODE, 8, " 1 2 2 8 2"), f"line 8: found .*{WHOLE_NUMBERS}"),
-    "mode, a point in its definition": (put(MODE, 8, " 1 2.0 2 8 2 3"), f"line 8: found .*{WHOLE_NUMBERS}"),
-    "mode of data type 3": (mode_55(SHAPE, kind=3).encode(), "line 8: found data type 3; expected 2 .real. or 5"),
-    "mode of data type 0": (put(MODE, 8, " 1 2 2 8 0 3"), "found data type 0"),
-    "mode, real values called complex": (mode_55(SHAPE, kind=5).encode(), "line 12: found 3 numbers; expected 6"),
-    "mode, complex values called real":
-        (mode_55({4: [1j, 2, 0]}, kind=2).encode(), "line 12: found 6 numbers; expected 3"),
-    "mode, six values called three":
-        (mode_55({4: [1.0] * 6}, per_node=3).encode(), "line 12: found 6 numbers; expected 3"),
-    "mode, three values called six":
-        (mode_55({4: [1.0] * 3}, per_node=6).encode(), "line 12: found 3 numbers; expected 6"),
-    "mode, no counts": (put(MODE, 9, ""), "line 9: found ''; expected 4 whole numbers"),
-    "mode, counts in words": (put(MODE, 9, "two four one three"), "line 9: found 'two four"),
-    "mode of no parameters": (mode_55(SHAPE, counts=(2, 0, 1, 3)).encode(), "line 9: found 0 real parameters"),
-    "mode of a hundred parameters": (mode_55(SHAPE, counts=(2, 100, 1, 3)).encode(), "found 100 real parameters"),
-    "mode of negative parameters": (mode_55(SHAPE, counts=(2, -4, 1, 3)).encode(), "found -4 real parameters"),
-    "eigenvalue of one parameter":
-        (mode_55(SHAPE, POLE, analysis=3, counts=(2, 1, 1, 1)).encode(), "found 1 real parameters"),
-    "mode, fewer parameters than it says":
-        (mode_55(SHAPE, counts=(2, 5, 1, 3)).encode(), "line 10: found 4 numbers; expected 5"),
-    "mode, more parameters than it says":
-        (mode_55(SHAPE, counts=(2, 3, 1, 3)).encode(), "line 10: found 4 numbers; expected 3"),
-    "mode, a word for its frequency": (put(MODE, 10, f"{'fifty':>13}{1:13d}{0:13d}{0:13d}"), "line 10: found 'fifty'"),
-    "mode, a comma for a point":
-        (put(MODE, 10, f"{'52,5':>13}{1:13d}{0:13d}{0:13d}"),
-        "line 10: found '52,5'.*decimal comma|line 10: found '52,5'; expected"),
-    "mode, exponents with D": (MODE.replace(b"5.25000E+01", b"5.25000D+01"), "line 10: .*replace D by E"),
-    "mode of a negative frequency": (mode_55(SHAPE, (-5.0, 1, 0, 0)).encode(), "line 10: found -5 Hz"),
-    "mode of a frequency beyond all": (mode_55(SHAPE, (1e12, 1, 0, 0)).encode(), r"line 10: found 1e\+12 Hz"),
-    "mode of an infinite frequency": (MODE.replace(b"5.25000E+01", b"5.2500E+999"), "line 10: found '5.2500E.999'"),
-    "mode of no number": (MODE.replace(b"5.25000E+01", b"        nan"), "line 10: found 'nan'"),
-    "mode, an underscore": (MODE.replace(b"1.25000E+00", b"  1_250.0"), "line 12: found '1_250.0'"),
-    "mode, a node in words": (put(MODE, 11, "node 4"), "line 11: found 'node 4' for a node; expected a new node"),
-    "mode, a negative node": (put(MODE, 11, "        -4"), "line 11: found '-4' for a node"),
-    "mode, a node of twelve digits": (put(MODE, 11, "123456789012"), "line 11: found '123456789012' for a node"),
-    "mode, a node twice": (put(MODE, 13, f"{4:10d}"), "line 13: found '4' a second time; expected a new node's"),
-    "mode, a node's number missing": (put(MODE, 11, None), "line 11: found '.*' for a node"),
-    "mode, a node's values missing": (put(MODE, 12, None), "line 12: found 1 numbers; expected 3"),
-    "mode, a value missing": (put(MODE, 12, f"{1:13d}{2:13d}"), "line 12: found 2 numbers; expected 3"),
-    "mode, text behind its nodes":
-        (MODE.replace(b"\n    -1\n", b"\nend of mode\n    -1\n"), "found 'end of mode' for a node"),
-    "complex mode, its second line cut": (put(COMPLEX, 12, f"{0:13d}{1:13d}"), "found 2 numbers; expected 6"),
-    "units of a file in words": (b"    -1\n   164\nSI\nmetre\n    -1\n" + MODE, "expected factors of length and force"),
-    "nothing but nodes": (b"    -1\n  2411\n 1 0 0 11\n    -1\n", "found 1 of the types 2411, and no FRF, time"),
-    "coherence of no numbers":
-        (function_58(np.full(11, 0.5), function=6).encode().replace(b"5.000000000000E-01", b"coherent          ", 1),
-        "found 'coherent"),
-    "coherence, its count wrong":
-        (function_58(np.full(11, 0.5), function=6, count=13).encode(), "found 11 numbers; expected 13"),
-    **{f"{n} ID lines more than any header":
-        (function_58(H, ids=("a",) * (5 + n)).encode(), "line 8: found 'a'") for n in (6, 9)},
-    "an axis of frequency in words": (FUNCTION.replace(b"        18", b"   hertzes"), "found 'hertzes' in columns 1"),
-    "directions beyond rotations, in wide columns":
-        (FUNCTION.replace(f"NONE      {12:10d}{3:4d}".encode(), f"NONE {12:12d} {7:12d}".encode()),
-        "line 8: found directions 7 and 2; expected -6 to 6"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_what_is_broken_is_one_line_that_names_the_place(tmp_path, name):
-    content, said = BROKEN[name]
-    assert content not in (MODE, COMPLEX, FUNCTION)
-    message = refusal(tmp_path / "a.uff", content, said)
-    assert message.startswith(f"{tmp_path / 'a.uff'}: data set")
 
 
 def test_every_mode_cut_anywhere_is_read_or_one_line(tmp_path):
