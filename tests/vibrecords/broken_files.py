@@ -10,7 +10,6 @@ import numpy as np
 import scipy.io
 from benchmarks.written_files import write_records
 
-from tests.vibrecords.made_files import function_58
 from vibrecords import FrfSet
 from vibrecords.formats import records_of_frf
 
@@ -43,11 +42,6 @@ def changed(text, old, new, count=1):
     old, new = (x.encode() if isinstance(x, str) else x for x in (old, new))
     assert old in text, old
     return text.replace(old, new, count)
-
-
-def uff(**changes):
-    """One data set 58 with a fault, as bytes."""
-    return function_58(H[:, 0, 0], **changes).encode()
 
 
 def broken_58b(directory):

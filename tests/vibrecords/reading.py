@@ -38,7 +38,7 @@ def refusal(path, content, expected="", layout=None, read=None):
     return message
 
 
-def require(records, expected):
+def require(records, expected, rtol=1e-12):
     """Hold records against what is expected of each: its kind, and some of its fields."""
     assert [type(record) for record in records] == [wanted["type"] for wanted in expected], records
     for record, wanted in zip(records, expected, strict=True):
@@ -46,6 +46,6 @@ def require(records, expected):
             found = getattr(record, key, None)
             if isinstance(value, (float, list, np.ndarray)):
                 assert np.shape(found) == np.shape(value), key
-                np.testing.assert_allclose(found, value, rtol=1e-15 if key == "factor" else 1e-12, err_msg=key)
+                np.testing.assert_allclose(found, value, rtol=1e-15 if key == "factor" else rtol, err_msg=key)
             elif key != "type":
                 assert found == value, key

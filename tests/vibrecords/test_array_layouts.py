@@ -287,6 +287,9 @@ FILES = {
         ({"out": {"time": T, "signals": {"values": X, "dimensions": 2.0}}},
         [history("signals 1", X[:, 0]), history("signals 2", X[:, 1])]),
     "beside other things": ({"H": V, "f": F, "h": 0.01, "E": 210e9, "note": "steel", "n": 8.0}, ONE),
+    "beside other things of MATLAB":
+        ({"H": V, "f": F, "K": scipy.sparse.eye(5).tocsc(), "cells": ["a", np.eye(2), {"x": 1.0}], "flag": True,
+        "none": np.empty((0, 0)), "spare": np.full(8, np.nan), "temperature": F[:5]}, ONE, ("mat",)),
 }  # fmt: skip
 CASES = [(name, form) for name, (_, _, *only) in FILES.items() for form in (only[0] if only else WRITERS)]
 

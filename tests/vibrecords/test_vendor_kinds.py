@@ -110,20 +110,6 @@ def test_real_matrices_of_two_and_three_columns_say_how_they_are_named(tmp_path,
     require_frf(one(path, **layout))
 
 
-@pytest.mark.parametrize(("names", "layout"), [
-    (("Frequency_Hz", "DampingRatio", "Phi"), {}),
-    (("freq", "damping_ratios", "Phi"), {}),
-    (("A", "B", "C"), {"mode_frequencies_hz": "A", "damping_ratios": "B", "mode_shapes": "C"}),
-])  # fmt: skip
-def test_modes_under_the_names_of_other_programs(tmp_path, names, layout):
-    frequency, ratio, shape = np.array([41.0, 117.0, 260.0]), np.array([0.01, 0.004, 0.02]), RNG.normal(size=(4, 3))
-    found = records_of(saved(tmp_path / "a", **dict(zip(names, (frequency, ratio, shape), strict=True))), **layout)
-    assert [type(mode) for mode in found] == [ModeRecord] * 3
-    assert [mode.frequency_hz for mode in found] == frequency.tolist()
-    assert [mode.damping_ratio for mode in found] == ratio.tolist()
-    np.testing.assert_array_equal([[*mode.shape.values()] for mode in found], shape.T)
-
-
 @pytest.mark.parametrize(("label", "said"), [("g/N", (("g", 9.80665), ("m/s^2", 1.0))), ("g", (("g", 9.80665),))])
 def test_a_unit_that_test_lab_leaves_open_is_asked_of_its_channel_and_the_answer_taken(tmp_path, label, said):
     is_frf = "/" in label
@@ -161,6 +147,8 @@ COMPLEX = {
     "fortran": (lambda z: f"({z.real!r},{z.imag!r})", " ;\t"),
     "square brackets, quoted": (lambda z: f'"[{z.real!r}, {z.imag!r}]"', ",;\t"),
     "decimal commas": (lambda z: matlab(z).replace(".", ","), ";\t"),
+    "sympy": (lambda z: matlab(z, " ").replace("i", "*I"), ",;"),
+    "three digits of an exponent": (lambda z: f"{z.real:.12e}{z.imag:+.12e}i".replace("e-0", "e-00"), ";\t"),
 }
 
 

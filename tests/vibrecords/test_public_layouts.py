@@ -1,4 +1,4 @@
-"""Layouts of which users of other readers reported that they cannot be read.
+"""Layouts of which users of other readers reported that they cannot be read, and modes under many names.
 
 Each is rebuilt here from the report with numbers of our own; its name says where it was reported.
 """
@@ -6,16 +6,26 @@ Each is rebuilt here from the report with numbers of our own; its name says wher
 import re
 
 import numpy as np
+import pytest
 
 from tests.vibrecords import made_files
-from tests.vibrecords.file_variants import FORCE, MODES, RATE, SEEN, TIME, TIP, Variant, write_bytes
-from tests.vibrecords.made_files import binary_58, function_58, mode_55
+from tests.vibrecords.made_files import binary_58, clock, function_58, mode_55
+from tests.vibrecords.reading import records_of, require
+from vibrecords.records import FrfRecord, ModeRecord, TimeRecord
 
 RNG = np.random.default_rng(22)
-G = 9.80665
+G, RATE = 9.80665, 1024.0
 LINES = np.array([5.0, 50.35, 100.0])
 FRF = RNG.normal(size=3) + 1j * RNG.normal(size=3)
 SHORT = RNG.normal(size=13)
+TIME = np.arange(200) / RATE
+FORCE, TIP = RNG.normal(size=(2, 200))
+FREQUENCIES, RATIOS, SHAPES = np.array([41.0, 117.0, 260.0]), np.array([0.01, 0.004, 0.02]), RNG.normal(size=(4, 3))
+MODES = (FREQUENCIES, RATIOS, SHAPES)
+
+
+def history(channel, values, rate=RATE):
+    return {"type": TimeRecord, "channel": channel, "values": values, "sample_rate_hz": rate}
 
 
 _AXES = {"kinds": ("time", "acceleration", "none"), "units": ("s", "m/s2", "NONE"), "function": 1, "first": 0.0}
@@ -87,7 +97,7 @@ def _commas() -> str:
 
 def _scaled(*slopes: float) -> bytes:
     """Whole numbers with the scales of their channel in its properties, one on the other."""
-    told = made_files.clock("N", 1 / RATE) | {"NI_Number_Of_Scales": np.uint32(len(slopes))}
+    told = clock("N", 1 / RATE) | {"NI_Number_Of_Scales": np.uint32(len(slopes))}
     for i, slope in enumerate(slopes):
         told |= {f"NI_Scale[{i}]_Scale_Type": "Linear", f"NI_Scale[{i}]_Linear_Slope": slope}
         told |= {f"NI_Scale[{i}]_Linear_Y_Intercept": 0.0}
@@ -96,24 +106,54 @@ def _scaled(*slopes: float) -> bytes:
 
 
 ROUNDED = np.round(1000 * FORCE) / 1000
-_AT_1 = {"1+Z:1:Z+": TIP}
-_UNEVEN = {"histories": {"AP:0:S": SHORT}, "rates": {"AP:0:S": 1000.0}}
+_AT_1 = [history("1+Z:1:Z+", TIP)]
+_SEEN = [history("hammer", FORCE), history("tip", TIP)]
+_UNEVEN = [history("AP:0:S", SHORT, 1000.0)]
+_OPEN = {"type": FrfRecord, "frequency_hz": LINES, "factor": None}
+_MODES = [{"type": ModeRecord, "number": i + 1, "frequency_hz": FREQUENCIES[i], "damping_ratio": RATIOS[i]}
+          for i in range(3)]  # fmt: skip
+_NAMES = {"Frequency_Hz": FREQUENCIES, "DampingRatio": RATIOS, "Phi": SHAPES}
 LAYOUTS = {
-    "pyuff 22": Variant(write_bytes(_pairs_filled_with_zeros()), [FRF], lines=LINES, open_unit=True),
-    "pyuff 29": Variant(write_bytes(_blanks_and_long_exponents()), histories={"0:S": SHORT}, rates={"0:S": 20000.0}
-    ),
-    "pyuff 21": Variant(write_bytes(_name_too_long()), [FRF / G], lines=LINES, open_unit=True),
-    "pyuff 38": Variant(write_bytes(binary_58(TIP, tail=b"\n", **_MPS)), histories=_AT_1),
-    "pyuff 61": Variant(write_bytes(binary_58(TIP, single=True, **_MPS)), histories=_AT_1),
-    "pyuff 88": Variant(write_bytes(binary_58(TIP, newline="\r\n", tail=b"\r\n", **_MPS)), histories=_AT_1),
-    "pyuff 52": Variant(write_bytes(_uneven_real_double(20)), **_UNEVEN),
-    "pyuff 107": Variant(write_bytes(_uneven_real_double(13)), **_UNEVEN),
-    "pyuff 84, sdynpy 13": Variant(write_bytes("".join(map(_mode, range(3)))), modes=True),
-    "lvm_read 4 and 5": Variant(
-        write_bytes(_empty_fields()), histories={"Dev0/Ai0": FORCE, "Dev0/Ai2": TIP, "Dev0/Ai0 1": FORCE}),
-    "lvm_read 10": Variant(write_bytes(_multi_columns(stated=True)), histories=SEEN),
-    "lvm_read, no decimal sign": Variant(write_bytes(_multi_columns(stated=False)), histories=SEEN),
-    "lvm_read 14": Variant(write_bytes(_commas()), histories=SEEN),
-    "npTDMS 64": Variant(write_bytes(_scaled(0.001)), histories={"hammer": ROUNDED}),
-    "npTDMS 120": Variant(write_bytes(_scaled(0.001, 2.0)), histories={"hammer": 2 * ROUNDED}),
+    "pyuff 22": (_pairs_filled_with_zeros(), [_OPEN | {"values": FRF}]),
+    "pyuff 29": (_blanks_and_long_exponents(), [history("0:S", SHORT, 20000.0)]),
+    "pyuff 21": (_name_too_long(), [_OPEN | {"values": FRF / G}]),
+    "pyuff 38": (binary_58(TIP, tail=b"\n", **_MPS), _AT_1),
+    "pyuff 61": (binary_58(TIP, single=True, **_MPS), _AT_1),
+    "pyuff 88": (binary_58(TIP, newline="\r\n", tail=b"\r\n", **_MPS), _AT_1),
+    "pyuff 52": (_uneven_real_double(20), _UNEVEN),
+    "pyuff 107": (_uneven_real_double(13), _UNEVEN),
+    "pyuff 84, sdynpy 13": ("".join(map(_mode, range(3))), _MODES),
+    "lvm_read 4 and 5": (_empty_fields(), [history("Dev0/Ai0", FORCE), history("Dev0/Ai2", TIP),
+                                           history("Dev0/Ai0 1", FORCE)]),
+    "lvm_read 10": (_multi_columns(stated=True), _SEEN),
+    "lvm_read, no decimal sign": (_multi_columns(stated=False), _SEEN),
+    "lvm_read 14": (_commas(), _SEEN),
+    "npTDMS 64": (_scaled(0.001), [history("hammer", ROUNDED)]),
+    "npTDMS 120": (_scaled(0.001, 2.0), [history("hammer", 2 * ROUNDED)]),
+    "TDMS, a slow group": (made_files.tdms({
+        "fast": [("hammer", FORCE, clock("N", 1 / RATE)), ("tip", TIP, clock("m/s^2", 1 / RATE))],
+        "slow": [("temperature", SHORT, clock("degC", 0.5))]}), [*_SEEN, history("temperature", SHORT, 2.0)]),
+    "five temperatures": ({"fs": RATE, "hammer": FORCE, "tip": TIP, "temperature": SHORT[:5]}, _SEEN),
+    "two clocks, t1 and t2": ({"t1": TIME, "hammer": FORCE, "tip": TIP, "t2": TIME[:5] * 64, "slow": SHORT[:5]},
+                              [*_SEEN, history("slow", SHORT[:5], RATE / 64)]),
+    "modes of Frequency_Hz, Damping_percent": (
+        {"Frequency_Hz": FREQUENCIES, "Damping_percent": 100 * RATIOS, "Phi": SHAPES}, _MODES),
+    "modes in a struct": ({"Modes": _NAMES}, _MODES),
+    "modes of natural frequencies": (
+        {"NaturalFrequencies": FREQUENCIES, "DampingRatios": RATIOS, "ModeShapes": SHAPES}, _MODES),
+    "modes of fn, zeta, phi": ({"fn": FREQUENCIES, "zeta": RATIOS, "phi": SHAPES}, _MODES),
+    "modes of freq, damping_ratios": ({"freq": FREQUENCIES, "damping_ratios": RATIOS, "Phi": SHAPES}, _MODES),
+    "modes, each a struct": ({"Mode": [dict(zip(_NAMES, each, strict=True)) for each in zip(*MODES[:2], SHAPES.T,
+                                                                                         strict=True)]},
+                             [mode | {"number": 1} for mode in _MODES]),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_what_others_could_not_read_is_read(tmp_path, name):
+    content, expected = LAYOUTS[name]
+    records = records_of(tmp_path / "file", content)
+    require(records, expected, rtol=1e-4)
+    for record, shape in zip(records, SHAPES.T, strict=False):
+        if isinstance(record, ModeRecord):
+            np.testing.assert_allclose([x for x in record.shape.values() if x], shape, rtol=1e-4)
