@@ -25,7 +25,7 @@ ROOMS = {
     "sampling": (1300, 2170),
     "posterior": (3700, 4950),
     "studies": (1700, 1740),
-    "case": (4000, 4947),
+    "case": (4000, 4950),
     "report": (2900, 3585),
     "cli and what stands alone": (1400, 1875),
 }

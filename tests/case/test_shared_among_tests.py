@@ -94,6 +94,17 @@ def test_each_test_has_the_distribution_of_its_residuals_and_the_guess_of_all():
     assert problem.first_guess.tolist() == [2e8, 0.0, 3e6]
 
 
+def test_the_error_of_a_clamps_edge_leaves_a_free_test_as_it_is():
+    """It moved the free bar as well, and k22 came out at 1.24 in place of 1.52, and "identified"."""
+    offset = "[uncertain.length_offset]\nsd_mm = 0.5\n"
+    tests = f"[tests.free]\njoined = false\n[tests.long]\n[uncertain.youngs_modulus]\nsd_percent = 1.0\n{offset}"
+    free, clamped = built(tests).problem.tests
+    assert free.structures.names == ("youngs_modulus",)
+    assert clamped.structures.names == ("youngs_modulus", "length_offset")
+    alone = tests.replace("uncertain.length_offset", "tests.free.uncertain.length_offset")
+    assert ": tests.free.uncertain.length_offset: found it in a test with joined = false" in fault(BASE + alone)
+
+
 def test_of_the_quantities_of_bodies_only_that_which_a_test_cannot_have_is_left_out():
     text = text_of(SPINDLE, "tool.tip:y", "tool.tip:y") + "[uncertain.bodies.holder.density]\nsd_percent = 2.0\n"
     key = ("uncertain", "bodies", "tool", "density")

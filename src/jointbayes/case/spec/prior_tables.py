@@ -386,7 +386,7 @@ class UncertainSpec(Spec):
     length: Annotated[LengthPriorSpec | None, _uncertain("the length of the beam")] = None
     length_offset: Annotated[
         OffsetPriorSpec | None,
-        Field(description="the prior of what is added to the length: sd_mm, or low_mm and high_mm"),
+        Field(description="the prior of what is added to the length where a joint acts: sd_mm, or low_mm and high_mm"),
     ] = None
     section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of the section")] = None
     shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficient")] = None

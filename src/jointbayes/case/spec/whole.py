@@ -437,6 +437,9 @@ def _uncertain_findings(case: CaseSpec) -> Iterator[Finding]:
     uncertain, structure, data = case.uncertain, case.structure, case.data
     mass = structure.accelerometer_mass_g
     yield from _foreign_quantities(uncertain, structure)
+    if uncertain.length_offset and not case.joined:  # it would move the free part by the error of the clamp's edge
+        fault, expected = "found it in a test with joined = false", "tests in which a clamp holds the part at its edge"
+        yield Finding(("uncertain", "length_offset"), fault, expected, "state [uncertain.length] for the free part")
     if uncertain.length and uncertain.length.sd_mm and structure.stated.get("length", ("mm",))[0] != "mm":
         expected = "sd_percent, or [uncertain.bodies.NAME.length] for an error of each body in mm"
         fault = "found one factor for bodies of different lengths"
