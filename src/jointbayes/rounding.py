@@ -15,7 +15,6 @@ _DIGITS_WITHOUT_ERROR = 3
 _ONE_DIGIT, _NO_VALUE = 0.25, 0.5
 _POWERS_FROM = 4  # the power of ten from which on a number is written as one
 _DECADE = math.log(10)
-_LARGEST_TWICE_LOG = 2 * math.log(1e6)
 _PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3))
 
 
@@ -245,17 +244,6 @@ def factor(ratio: float) -> str:
     if 1 < ratio < 2:
         return f"{ratio:.{1 - math.floor(math.log10(ratio - 1))}f}"
     return number(ratio)
-
-
-def likelihood_ratio(twice_log: float) -> str:
-    """How many times likelier, from 2 ln of the ratio.
-
-    Examples
-    --------
-    >>> likelihood_ratio(1.0), likelihood_ratio(400.0)
-    ('1.6', 'more than 1e6')
-    """
-    return number(math.exp(twice_log / 2), 2) if twice_log < _LARGEST_TWICE_LOG else "more than 1e6"
 
 
 def told_apart(value: float, *limits: float) -> tuple[str, ...]:

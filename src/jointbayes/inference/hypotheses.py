@@ -11,7 +11,7 @@ from jointbayes.joint import HYPOTHESES, Parametrisation, joint_under_hypothesis
 from vibrecords.arrays import Array
 
 
-def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
+def hypothesis_problem(problem: Problem, hypothesis: str, only: str = "") -> Problem:
     """Return the problem with the joint of a hypothesis; priors of what stays free are as they were.
 
     Couplings that the problem does not know have coefficients between −1 and 1, all equally probable.
@@ -21,16 +21,18 @@ def hypothesis_problem(problem: Problem, hypothesis: str) -> Problem:
     problem
         Problem with the full joint.
     hypothesis
-        One of `HYPOTHESES`.
+        One of `HYPOTHESES`, or ``"absent"``.
+    only
+        Name of the joint that it is about; by default it is about all.
 
     Raises
     ------
     ModelError
         If there is no such hypothesis, or the joint cannot be so.
     """
-    if hypothesis not in HYPOTHESES:
+    if hypothesis not in (*HYPOTHESES, "absent"):
         raise ModelError(f"comparison: found hypothesis {hypothesis!r}; expected one of {', '.join(HYPOTHESES)}")
-    joint = joint_under_hypothesis(problem.parametrisation, hypothesis)
+    joint = joint_under_hypothesis(problem.parametrisation, hypothesis, only)
     marginal_by_name: dict[str, Marginal] = {}
     there = _places(problem.parametrisation)
     for axis, marginal in zip(problem.parametrisation.axes, problem.prior.marginals, strict=True):

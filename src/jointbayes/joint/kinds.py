@@ -52,11 +52,11 @@ def parametrisation_named(key: str, directions: Sequence[str] = ()) -> Parametri
     return FullStiffness(tuple(directions))
 
 
-def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation:
-    """Joints under one of `HYPOTHESES`: simpler ones, some with more couplings, or these themselves.
+def joint_under_hypothesis(joint: Parametrisation, name: str, only: str = "") -> Parametrisation:
+    """Joints under one of `HYPOTHESES` or ``"absent"``: simpler ones, some with more couplings, or these themselves.
 
     Of several joints each is; a rigid one is rigid under all. Damping stays with the springs that yield, unless the
-    hypothesis is an undamped joint.
+    hypothesis is an undamped joint. With `only` it is about the joint of that name alone.
 
     Raises
     ------
@@ -66,6 +66,8 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
     if isinstance(joint, Blocks):
         blocks = (
             replace(block, parametrisation=joint_under_hypothesis(block.parametrisation, name))
+            if only in ("", block.name)
+            else block
             for block in joint.blocks
         )
         return Blocks(tuple(blocks))
@@ -95,6 +97,8 @@ def joint_under_hypothesis(joint: Parametrisation, name: str) -> Parametrisation
             expected = "a joint of a translation and a rotation"
             raise ModelError.of("comparison", (), found, expected, "compare springs and full")
         return FullStiffness(directions) if isinstance(joint, PlainSprings) and directions else joint
+    if hypothesis == "absent":
+        return PlainSprings((), joint.quantities, absent=True)
     springs = [quantity for quantity in joint.quantities if not quantity.may_be_negative]
     yielding = {
         "rigid": [],

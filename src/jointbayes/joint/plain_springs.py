@@ -30,6 +30,8 @@ class PlainSprings(Parametrisation):
         Without any the joint is rigid and has no coordinate.
     of
         The stiffnesses of the joint; by default those of the paper's, whose springs are k11 and k22.
+    absent
+        Whether springs that are not named are absent, not rigid.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class PlainSprings(Parametrisation):
 
     names: tuple[str, ...] = _SPRINGS
     of: tuple[Quantity, ...] = COUPLED
+    absent: bool = False
 
     key: ClassVar[str] = "plain springs"
     expected: ClassVar[str] = "every spring that yields above zero; raise it"
@@ -72,7 +75,7 @@ class PlainSprings(Parametrisation):
         """Stiffnesses, shape (..., q), from θ, shape (..., d)."""
         t = np.asarray(theta, dtype=float)
         values = np.empty((*t.shape[:-1], len(self.of)))
-        values[...] = self.rigid
+        values[...] = 0.0 if self.absent else self.rigid
         values[..., self._places] = np.exp(t)
         return values
 
@@ -144,6 +147,7 @@ class Rigid(PlainSprings):
 
     names: tuple[str, ...] = field(default=(), init=False)
     of: tuple[Quantity, ...] = field(default=(), init=False)
+    absent: bool = field(default=False, init=False)
     motions: int = 1
 
     key: ClassVar[str] = "rigid"

@@ -41,6 +41,8 @@ Method = Literal["exact", "Laplace", "importance sampling", "bridge sampling", "
 
 #: Largest standard error of ln Z with which hypotheses are weighed: 2 ln B is then known to less than a grade.
 LARGEST_ERROR = 0.5
+#: ln Z below the best by Laplace's approximation at which a hypothesis is not drawn from.
+OUT_OF_QUESTION = 100.0
 #: Pareto k of importance weights above which their mean is not trusted.
 PARETO_LIMIT = 0.7
 _PROPOSED = 4000  # draws of each mixture

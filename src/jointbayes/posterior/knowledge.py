@@ -6,16 +6,8 @@ stated values, drawn as that of an answer by modes is, see `jointbayes.sampling.
 not settle nothing is said.
 
 Bounds on each stiffness say little of all together: "k11 above, k22 above" may be read as a rigid joint that the same
-data exclude. So each such joint is put in place of the one that was sampled, and everything else fitted anew: other
-joints within their priors, uncertain quantities with theirs. Twice the logarithm of the likelihood ratio is compared
-with the χ² quantile at 99.9 %, with as many degrees of freedom as stiffnesses are given up (Wilks 1938); where a
-stiffness is given up at an end of its range that is on the safe side (Self and Liang 1987).
-
-References
-----------
-Wilks, S. S. (1938). Annals of Mathematical Statistics 9(1), 60-62. DOI 10.1214/aoms/1177732360
-Self, S. G., Liang, K.-Y. (1987). Journal of the American Statistical Association 82(398), 605-610.
-DOI 10.2307/2289471
+data exclude. So joints that are rigid, absent or uncoupled are weighed against the sampled one by their evidences, as
+`compare` weighs hypotheses.
 """
 
 import math
@@ -23,20 +15,28 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import chdtri
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
-from jointbayes.inference import Landing, Normal, Nuisance, Problem
-from jointbayes.joint.parametrisation import RIGID
+from jointbayes.identification import ModeSearch
+from jointbayes.inference import Landing, Normal, Nuisance, Problem, hypothesis_problem
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.checks import PredictiveCheck, checks_of
-from jointbayes.posterior.coordinates import by_names, judged_quantities
+from jointbayes.posterior.coordinates import by_names, coordinate_systems, judged_quantities
 from jointbayes.posterior.decision import premises_of
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
+from jointbayes.posterior.evidence import (
+    OUT_OF_QUESTION,
+    constant_evidence,
+    evidence,
+    evidence_about_modes,
+    laplace_evidence,
+)
+from jointbayes.posterior.evidence_table import odds
 from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import (
     CERTAINTY,
@@ -54,8 +54,7 @@ from jointbayes.posterior.verdicts import MOST_UNKNOWNS, conclude, judge_stiffne
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.progress import Budget
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import likelihood_ratio
-from jointbayes.sampling import Quantities, draws_from_two_origins, quantile_spread
+from jointbayes.sampling import Draws, Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
 
 Source = Literal["this run", "importance sampling", "none"]
@@ -399,10 +398,13 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
     return f"With {listed(most.uncertain)} uncertain: {'; '.join([*parts[:_MOST_TOLD], *more])}."
 
 
-#: Probability that the likelihood ratio of a joint that is so exceeds the limit.
-LEVEL = 1e-3
-_TRIED_SIMPLER = 100  # draws of the run from the best of which is climbed
-_LARGEST_RATIO = 1e9  # of a ratio
+#: 2 ln of the odds against a simpler joint above which the data exclude it. The odds exceed 1000 to 1 by chance in at
+#: most one of 1000 tests of such a joint.
+EXCLUDED = 2 * math.log(1000)
+_TRIED_SIMPLER = 100  # draws of the run from which a search for a simpler joint starts
+_CLIMBED, _DRAWS_OF_SIMPLER = 3, 4000  # of these, and draws about the modes
+_LARGEST, _TOLD = 1e9, 2 * math.log(1e6)  # 2 ln B that is kept at most, and told
+_SIMPLER = {"rigid": "rigid", "absent": "absent", "springs": "uncoupled"}  # hypotheses by what they are called
 
 
 @dataclass(frozen=True, slots=True)
@@ -414,22 +416,25 @@ class SimplerJoint:
     joint
         Its name; empty where there is one.
     kind
-        What it would be.
-    ratio
-        2 ln of the greatest likelihood over that of the best such joint.
-    limit
-        What that of a joint which is so exceeds once in 1000.
+        What it would be: ``"rigid"``, ``"absent"`` or ``"uncoupled"``.
+    two_log_b
+        2 ln of the odds against it, if both were equally probable before the data.
     """
 
     joint: str
-    kind: Literal["rigid", "absent", "uncoupled"]
-    ratio: float
-    limit: float
+    kind: str
+    two_log_b: float
 
     @property
     def excluded(self) -> bool:
         """Whether the data exclude it."""
-        return self.ratio > self.limit
+        return self.two_log_b > EXCLUDED
+
+    @property
+    def odds(self) -> str:
+        """Odds against it, or for it where it is the more probable joint."""
+        more, twice = ("more than ", _TOLD) if abs(self.two_log_b) > _TOLD else ("", abs(self.two_log_b))
+        return f"{more}{odds(twice)} {'against' if self.two_log_b > 0 else 'for'} it"
 
 
 def known_by_bounds(posterior: Sampled) -> tuple[str, ...]:
@@ -448,36 +453,46 @@ def known_by_bounds(posterior: Sampled) -> tuple[str, ...]:
 
 
 @kept
-def simpler_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
-    """Rigid, absent and uncoupled joints in place of each that is known by bounds at most; none of damped joints."""
-    problem = posterior.problem
-    if problem.parametrisation.damped or problem.extra_log_likelihood is not None:
-        return ()
-    simpler = []
-    modes = [posterior.estimate.theta, posterior.best.theta, *(mode.theta for mode in posterior.estimate.modes[1:])]
-    theta = np.vstack([*modes, posterior.thinned(_TRIED_SIMPLER)])
-    solution = solutions_of(posterior).nearest(theta)
+def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
+    """Weigh rigid, absent and uncoupled joints in place of each that is known by bounds at most; none of damped joints.
 
-    def greatest(put: dict[int, float]) -> float:
-        return LikelihoodRegion(problem.log_posterior, theta, solution, put).greatest
-
-    joints = known_by_bounds(posterior)
-    if not joints:
+    1. Find ln Z of the run from its draws.
+    2. Climb to the mode of each simpler joint from the draws, with everything else fitted again.
+    3. Find its ln Z: by Laplace's approximation where it is out of the question, else by draws about the modes.
+    """
+    problem, joints = posterior.problem, known_by_bounds(posterior)
+    if not joints or problem.parametrisation.damped or problem.extra_log_likelihood is not None:
         return ()
-    best = greatest({})
-    for joint in joints:
-        rows = [i for i, q in enumerate(problem.quantities) if q.name.rpartition(".")[0] == joint]
-        couplings = [i for i in rows if problem.quantities[i].may_be_negative]
-        springs = [i for i in rows if i not in couplings]
-        values: list[tuple[Literal["rigid", "absent", "uncoupled"], dict[int, float]]] = [
-            ("rigid", dict.fromkeys(springs, RIGID) | dict.fromkeys(couplings, 0.0)),
-            ("absent", dict.fromkeys(rows, 0.0)),
-        ]
-        values += [("uncoupled", dict.fromkeys(couplings, 0.0))] if couplings else []
-        for kind, put in values:
-            worse = 2 * (best - greatest(put))
-            limit = float(chdtri(len(put), LEVEL))
-            simpler.append(SimplerJoint(joint, kind, float(np.clip(worse, 0.0, _LARGEST_RATIO)), limit))
+    # 1. the run
+    rng, simpler = np.random.default_rng([posterior.record.seed, 11]), list[SimplerJoint]()
+    shape, ensemble = posterior.log_density.shape, posterior.draws["ensemble"].values
+    drawn = Draws(posterior.theta.reshape(*shape, -1).copy(), posterior.log_density.copy(), ensemble.copy())
+    run = evidence(problem.log_posterior, coordinate_systems(problem), drawn, rng)
+    modes = np.array([posterior.best.theta, *(mode.theta for mode in posterior.estimate.modes)])
+    places = np.vstack([modes, posterior.thinned(_TRIED_SIMPLER)])
+    for joint, (hypothesis, kind) in product(joints if run.trusted else (), _SIMPLER.items()):
+        other = hypothesis_problem(problem, hypothesis, joint)
+        if other.parametrisation == problem.parametrisation:
+            continue
+        density = other.log_posterior
+        if not other.names:
+            found = constant_evidence(density)
+        else:
+            # 2. its mode
+            starts = other.with_known_modes(problem.prior, places).known_theta
+            best = starts[np.argsort(-np.nan_to_num(density(starts), nan=-np.inf))[:_CLIMBED]]
+            search = ModeSearch(density)
+            search.climb({str(number): theta for number, theta in enumerate(best)})
+            estimate = search.estimate()
+            # 3. its evidence
+            found = laplace_evidence(estimate.starts_for_draws[0], estimate.log_posterior)
+            if found.log_z > run.log_z - OUT_OF_QUESTION:
+                about = coordinate_systems(other), estimate.starts_for_draws, rng, _DRAWS_OF_SIMPLER
+                found, _ = evidence_about_modes(density, *about)
+        if found.trusted:
+            simpler.append(
+                SimplerJoint(joint, kind, float(np.clip(2 * (run.log_z - found.log_z), -_LARGEST, _LARGEST)))
+            )
     return tuple(simpler)
 
 
@@ -488,7 +503,7 @@ def exclusion_sentences(joints: tuple[SimplerJoint, ...]) -> tuple[str, ...]:
         what = f"joint {name}" if name else "the joint"
         for excluded, words in ((True, "rule out"), (False, "do not rule out")):
             of_it = [joint for joint in joints if (joint.joint, joint.excluded) == (name, excluded)]
-            kinds = [f"{joint.kind} ({likelihood_ratio(joint.ratio)} times less likely)" for joint in of_it]
+            kinds = [f"{joint.kind} (odds {joint.odds})" for joint in of_it]
             if kinds:
                 sentences.append(f"The data {words} that {what} is {' or '.join(kinds)}.")
     return tuple(sentences)
@@ -512,8 +527,8 @@ class Knowledge:
     assumed
         The uncertainties that were assumed for `freed` in words, one for each quantity; empty where they are the case's
         own.
-    simpler
-        Whether a rigid, absent or uncoupled joint is excluded, of each that is known by bounds at most.
+    weighed
+        Rigid, absent and uncoupled joints in place of each that is known by bounds at most.
     next_steps
         Forecasts of further measurements, the best first, with all else as in a workshop where `workshop` is not None;
         empty where the draws have not converged, or the model does not explain the data.
@@ -533,7 +548,7 @@ class Knowledge:
     profiles: tuple[ProfileLikelihood, ...]
     freed: tuple[UncertainInputsRow, ...]
     assumed: tuple[str, ...]
-    simpler: tuple[SimplerJoint, ...] = ()
+    weighed: tuple[SimplerJoint, ...] = ()
     next_steps: tuple[NextStep, ...] = ()
     advice: str = ""
     decides: WhatDecides | None = None
@@ -558,9 +573,9 @@ class Knowledge:
     @property
     def bounds_sentences(self) -> tuple[str, ...]:
         """The same, sentence by sentence."""
-        if not self.simpler:
+        if not self.weighed:
             return ()
-        text, *rest = exclusion_sentences(self.simpler)
+        text, *rest = exclusion_sentences(self.weighed)
         if self._condition:
             text = f"With {self._condition}: {text[0].lower()}{text[1:]}"
         text = self._if_right(text)
@@ -613,7 +628,7 @@ class Knowledge:
             "sentence": self.directions_sentence,
             "directions": [{key: getattr(d, key) for key in _OF_DIRECTION} for d in self.directions],
             "bounds_sentence": self.bounds_sentence,
-            "simpler_joints": [asdict(joint) | {"excluded": joint.excluded} for joint in self.simpler],
+            "simpler_joints": [asdict(joint) | {"excluded": joint.excluded} for joint in self.weighed],
             "profiles": {
                 p.name: {"interval95": list(p.interval), "open_below": p.open_below, "open_above": p.open_above}
                 for p in self.profiles

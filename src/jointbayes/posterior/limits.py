@@ -14,7 +14,6 @@ exploiting the profile likelihood. Bioinformatics 25(15), 1923-1929. DOI 10.1093
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,9 +102,6 @@ class LikelihoodRegion:
     solution
         Number of the solution that each belongs to, shape (n,), where there are several: each is climbed from, and
         steps are as long as one of them is wide, not as they are apart.
-    put
-        Values that take the place of those of the joint that θ describes, by place among its quantities. With it, even
-        if empty, any prior of the joint counts by its bounds alone.
 
     Attributes
     ----------
@@ -118,12 +114,11 @@ class LikelihoodRegion:
         log_posterior: LogPosterior,
         theta: Array,
         solution: NDArray[np.intp] | None = None,
-        put: Mapping[int, float] | None = None,
     ) -> None:
         prior = log_posterior.prior
-        self._log_posterior, self._prior, self._put = log_posterior, prior, put
+        self._log_posterior, self._prior = log_posterior, prior
         names, count = prior.parametrisation.names, len(prior.marginals)
-        alone = [i for i in range(count) if put is not None or prior.bounds_of(names[i]) is not None]
+        alone = [i for i in range(count) if prior.bounds_of(names[i]) is not None]
         self._weighed = [i for i in range(theta.shape[1]) if i not in alone]
         self._low, self._high = reach(prior, EDGE)
         solution = np.zeros(len(theta), dtype=np.intp) if solution is None else solution
@@ -139,19 +134,10 @@ class LikelihoodRegion:
         heights = self._height(self._tops)
         self._top, self.greatest = self._tops[np.argmax(heights)], float(heights.max())
 
-    def _log_likelihood(self, theta: Array) -> Array:
-        """ln L, shape (n,), of θ, shape (n, d)."""
-        if self._put is None:
-            return self._log_posterior.log_likelihood(theta)
-        values = self._prior.values(theta)
-        values[:, list(self._put)] = list(self._put.values())
-        matrix = self._prior.parametrisation.matrix(values)
-        return self._log_posterior.likelihood.log_likelihood(matrix, self._prior.factors(theta))
-
     def _height(self, theta: Array) -> Array:
         """ln L with the priors that count, shape (n,), of θ, shape (n, d)."""
         with np.errstate(all="ignore"):
-            value = self._log_likelihood(theta)
+            value = self._log_posterior.log_likelihood(theta)
             for i in self._weighed:
                 value = value + self._prior.all_marginals[i].log_density(theta[:, i])
         return np.where(np.isfinite(value), value, NOWHERE)
@@ -200,7 +186,7 @@ class LikelihoodRegion:
         across = np.repeat(self._top[None], 5, axis=0)
         across[:, at] = np.linspace(self._low[at], self._high[at], len(across))
         with np.errstate(all="ignore"):
-            if np.ptp(self._log_likelihood(across)) == 0:
+            if np.ptp(self._log_posterior.log_likelihood(across)) == 0:
                 raise ModelError(
                     f"profile: found that no residual depends on {name}; expected a coordinate that the model predicts "
                     "with; profile another one"

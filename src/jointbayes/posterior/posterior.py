@@ -26,8 +26,8 @@ from jointbayes.posterior.knowledge import (
     known_in_workshop,
     profiles_of,
     rows_of,
-    simpler_joints,
     verdict_of,
+    weighed_joints,
     what_decides_of,
     workshop_of,
 )
@@ -315,7 +315,7 @@ def gather_knowledge(posterior: Posterior) -> Knowledge:
         profiles=profiles_of(posterior),
         freed=rows,
         assumed=assumed_of(posterior),
-        simpler=simpler_joints(posterior),
+        weighed=weighed_joints(posterior),
         next_steps=steps,
         advice=advice(posterior, steps),
         decides=what_decides_of(posterior),

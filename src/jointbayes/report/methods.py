@@ -60,7 +60,7 @@ def methods_text(inputs: ReportInputs) -> str:
         "whiteness": any(check.whiteness is not None for check in checks_of(posterior)),
         "likelihood": any(math.isfinite(p.known.limit) for p in summary.parameters.values()),
         "profiles": knowledge.profiles,
-        "simpler": knowledge.simpler,
+        "simpler": knowledge.weighed,
     }
     told += [say[name] for name, happened in ran.items() if happened]
     rules = rules_of(posterior)

@@ -21,6 +21,7 @@ from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import (
     LARGEST_ERROR,
+    OUT_OF_QUESTION,
     Evidence,
     constant_evidence,
     evidence,
@@ -445,7 +446,6 @@ class Comparison:
         return write_study(directory, A_COMPARISON, build_comparison_report(summary, self.tested), files)
 
 
-_OUT_OF_QUESTION = 100.0  # ln Z below the best by Laplace's approximation: such a hypothesis is not drawn from
 _EDGE = 0.05  # of a prior's interval
 _PILED = 2.0  # times the prior's probability in that strip
 
@@ -574,7 +574,7 @@ def _weighed(
             rough[name] = constant_evidence(problem.log_posterior)
             continue
         tell(Progress("weighing", f"{name} in {case.name}"))
-        estimate = found[name] = find_map(problem, seed=seed, progress=tell, floor=best - _OUT_OF_QUESTION)
+        estimate = found[name] = find_map(problem, seed=seed, progress=tell, floor=best - OUT_OF_QUESTION)
         known = known.with_known_modes(problem.prior, estimate.places)
         rough[name] = laplace_evidence(estimate.starts_for_draws[0], estimate.log_posterior)
         best = max(best, rough[name].log_z)
@@ -584,7 +584,7 @@ def _weighed(
             raise ModelError(
                 "found a likelihood of zero everywhere; expected a joint that the data allow; leave it out"
             )
-        if weighed.method == "Laplace" and weighed.log_z >= best - _OUT_OF_QUESTION:
+        if weighed.method == "Laplace" and weighed.log_z >= best - OUT_OF_QUESTION:
             # 2. draw, from one stream for each candidate, whatever else is compared
             rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(name)])
             chains = draws_of(problem, found[name], seed, tell)
