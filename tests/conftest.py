@@ -194,7 +194,7 @@ def _rough_proposals() -> Iterator[None]:
 
 def judged_as(again: Posterior, posterior: Posterior) -> Posterior:
     """A posterior with what was already found of another one of the same draws: its ends are not searched again."""
-    own = {key for key in posterior._found if key[0] in ("judge_stiffness", "simpler_joints", "directions_of")}
+    own = {key for key in posterior._found if key[0] in ("judge_stiffness", "weighed_joints", "directions_of")}
     again._found.update({key: posterior._found[key] for key in posterior._found.keys() - again._found.keys() - own})
     vars(again).update({name: found for name, found in vars(posterior).items() if name not in vars(again)})
     return again

@@ -66,9 +66,12 @@ def told(steps: int, ess: float, *, converged: bool = True) -> str:
             ("The model misses each by about 1 %", "reason: so. Assumed, as the case does not state it: density"),
         ),
         (
-            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(30.0), 5.0),))),
-            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3.0), 5.0),))),
-            ("rule out that the joint is rigid (30 times", "do not rule out that the joint is rigid (3 times"),
+            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3e4)),))),
+            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3.0)),))),
+            (
+                "rule out that the joint is rigid (odds 30000 to 1",
+                "do not rule out that the joint is rigid (odds 3 to 1",
+            ),
         ),
     ],
 )

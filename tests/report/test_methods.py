@@ -123,7 +123,7 @@ def test_draws_without_walkers_are_called_independent_and_have_no_figures_of_cha
         (lambda i: with_sampler(i, move_acceptance={"independence": 0.9}), "goodman2010", False),
         (lambda i: with_sampler(i, move_acceptance={"independence": 0.9}), "terbraak2006", False),
         (lambda i: with_check(i, whiteness=None), "ljung1978", False),
-        (lambda i: changed(i, knowledge=SimpleNamespace(profiles=(1,), simpler=())), "raue2009", True),
+        (lambda i: changed(i, knowledge=SimpleNamespace(profiles=(1,), weighed=())), "raue2009", True),
         (lambda i: changed(i, knowledge=SimpleNamespace(profiles=(), weighed=(1,))), "meng1996", True),
         (lambda i: of_k22(i, limit=1.0), "neale1997", True),
     ],

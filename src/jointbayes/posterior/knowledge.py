@@ -489,10 +489,9 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
             if found.log_z > run.log_z - OUT_OF_QUESTION:
                 about = coordinate_systems(other), estimate.starts_for_draws, rng, _DRAWS_OF_SIMPLER
                 found, _ = evidence_about_modes(density, *about)
-        if found.trusted:
-            simpler.append(
-                SimplerJoint(joint, kind, float(np.clip(2 * (run.log_z - found.log_z), -_LARGEST, _LARGEST)))
-            )
+        against = SimplerJoint(joint, kind, float(np.clip(2 * (run.log_z - found.log_z), -_LARGEST, _LARGEST)))
+        # draws that miss a part make its evidence too small: it is then not excluded
+        simpler += [against] if found.trusted or not against.excluded else []
     return tuple(simpler)
 
 
