@@ -433,8 +433,8 @@ class SimplerJoint:
     @property
     def odds(self) -> str:
         """Odds against it, or for it where it is the more probable joint."""
-        more, twice = ("more than ", _TOLD) if abs(self.two_log_b) > _TOLD else ("", abs(self.two_log_b))
-        return f"{more}{odds(twice)} {'against' if self.two_log_b > 0 else 'for'} it"
+        size = abs(self.two_log_b)
+        return f"{odds(size) if size < _TOLD else 'more than 10⁶ to 1'} {'against' if self.two_log_b > 0 else 'for'} it"
 
 
 def known_by_bounds(posterior: Sampled) -> tuple[str, ...]:
