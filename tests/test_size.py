@@ -18,15 +18,15 @@ SRC = ROOT / "src"
 ROOMS = {
     "vibrecords": (6500, 7901),
     "structure": (3300, 3940),
-    "joint": (1200, 1430),
+    "joint": (1200, 1419),
     "frf": (2000, 2060),
     "inference": (2500, 2740),
     "identification": (1250, 1410),
     "sampling": (1300, 2170),
-    "posterior": (3700, 4950),
+    "posterior": (3700, 4953),
     "studies": (1700, 1740),
-    "case": (4000, 4950),
-    "report": (2900, 3585),
+    "case": (4000, 4947),
+    "report": (2900, 3584),
     "cli and what stands alone": (1400, 1875),
 }
 

@@ -458,7 +458,8 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
 
     1. Find ln Z of the run from its draws.
     2. Climb to the mode of each simpler joint from the draws, with everything else fitted again.
-    3. Find its ln Z: by Laplace's approximation where it is out of the question, else by draws about the modes.
+    3. Find its ln Z: by Laplace's approximation where it is out of the question, or of many unknowns, else by draws
+       about the modes.
     """
     problem, joints = posterior.problem, known_by_bounds(posterior)
     if not joints or problem.parametrisation.damped or problem.extra_log_likelihood is not None:
@@ -486,7 +487,7 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
             estimate = search.estimate()
             # 3. its evidence
             found = laplace_evidence(estimate.starts_for_draws[0], estimate.log_posterior)
-            if found.log_z > run.log_z - OUT_OF_QUESTION:
+            if found.log_z > run.log_z - OUT_OF_QUESTION and len(problem.names) <= MOST_UNKNOWNS:
                 about = coordinate_systems(other), estimate.starts_for_draws, rng, _DRAWS_OF_SIMPLER
                 found, _ = evidence_about_modes(density, *about)
         against = SimplerJoint(joint, kind, float(np.clip(2 * (run.log_z - found.log_z), -_LARGEST, _LARGEST)))
