@@ -8,9 +8,9 @@ import numpy as np
 import openpyxl
 import pytest
 
-from tests.vibrecords.made_files import STEP, clock, head, lvm, segment, tdms
-from tests.vibrecords.reading import require
-from tests.vibrecords.test_text_layouts import A, B, C, F, G, H, T, frf, read, spectrum, time
+from tests.vibrecords.made_files import STEP, clock, head, lvm, tdms
+from tests.vibrecords.reading import A, B, F, G, H, T, layouts, require
+from tests.vibrecords.test_text_layouts import frf, read, time
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import detect_format, iter_records
 from vibrecords.records import TimeRecord
@@ -18,54 +18,11 @@ from vibrecords.records import TimeRecord
 NONE = [None] * 16
 FORCE, TIP = time("Force", A, "force"), time("Tip", G * B, "acceleration", G)
 LVM = {
-    "one X column": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])), [FORCE, TIP]),
-    "Newtons": (lvm(["Force"], [T, A], head(["Newtons"])), [FORCE]),
-    "no X column": (lvm(["Force", "Tip"], [NONE, A, B], head(["N", "g"]), layout="No"), [FORCE, TIP]),
-    "decimal comma": (lvm(["Force", "Tip"], [NONE, A, B], head(["N", "g"]), layout="No", decimal=","), [FORCE, TIP]),
-    "no decimal sign stated": (lvm(["Force"], [T, A], head(["N"]), decimal=",", stated=False), [FORCE]),
-    "separated by commas": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), separator="Comma"), [FORCE, TIP]),
-    "an X column for each, g in each":
-        (lvm(["Force", "Tip", "Base"], [T, A, T, B, T, C], head(["N", "g", "g"]), layout="Multi"),
-        [FORCE, TIP, time("Base", G * C, "acceleration", G)]),
-    "an X column for each, two clocks":
-        (lvm(["Force", "Tip"], [T, A, 2 * T[:8], B[:8]], head(["N", "g"]), layout="Multi"),
-        [FORCE, time("Tip", G * B[:8], "acceleration", G, sample_rate_hz=1024.0)]),
-    "comments": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), comment="LOST_1"), [FORCE, TIP]),
-    "two blocks under one header":
-        (lvm(["Force"], [NONE * 2, np.tile(A, 2)], head(["N"]), layout="No"),
-        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)]),
-    "two blocks, X begins again":
-        (lvm(["Force"], [np.tile(T, 2), np.tile(A, 2)], head(["N"])),
-        [time("Force", A, "force", hit=1), time("Force", A, "force", hit=2)]),
-    "two blocks apart":
-        (lvm(["Force"], [T, A], head(["N"])) + "".join(f"{t!r}\t{b!r}\n" for t,
-        b in zip(T.tolist(), B.tolist(), strict=True)),
-        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)]),
-    "two segments":
-        (lvm(["Force"], [T, A], head(["N"])) + segment(["Force"], [T, B], head(["N"])),
-        [time("Force", A, "force", hit=1), time("Force", B, "force", hit=2)]),
     "X goes on":
         (lvm(["Force"], [np.arange(32) / 2048, np.tile(A, 2)], head(["N"])), [time("Force", np.tile(A, 2), "force")]),
-    "a count that is too high": (lvm(["Force"], [T, A], head(["N"], samples=51200)), [FORCE]),
-    "a count that fits no blocks": (lvm(["Force"], [NONE, A], head(["N"], samples=9), layout="No"), [FORCE]),
-    "empty channels": (lvm(["Force", "Untitled", "Tip"], [T, A, NONE, B], head(["N", "", "g"])), [FORCE, TIP]),
     "a shorter channel":
         (lvm(["Force", "Tip"], [T, A, B[:9]], head(["N", "g"])),
         [FORCE, time("Tip", np.append(G * B[:9], [np.nan] * 7), "acceleration", G)]),
-    "a slow channel":
-        (lvm(["Force", "Flow"], [T, A, [1.0 if i % 4 == 0 else None for i in range(16)]], head(["N", "g"])), [FORCE]),
-    "a special block":
-        (lvm(["Force"], [T, A], head(["N"])).replace("Channels",
-        "***Start_Special***\nfree\ttext\n***End_Special***\nChannels"), [FORCE]),
-    "a spectrum in dB":
-        (lvm(["Tip - FFT - (RMS)"], [F, A[:12]], head(["dB"], 12, 20.0, 2.5)),
-        [spectrum("Tip - FFT - (RMS)", A[:12], "FFT, RMS")]),
-    "an FRF":
-        (lvm(["Real A / B", "Imaginary A / B"], [F, H.real, H.imag], head(["m/s^2/N"] * 2, 12, 20.0, 2.5, "Frequency")),
-        [frf("A", "B", quantity="accelerance")]),
-    "an X column for each, decimal comma":
-        (lvm(["Force", "Tip"], [T, A, T, B], head(["N", "g"]), layout="Multi", decimal=","), [FORCE, TIP]),
-    "one X column, decimal comma": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"]), decimal=","), [FORCE, TIP]),
     "CR LF": (lvm(["Force", "Tip"], [T, A, B], head(["N", "g"])).replace("\n", "\r\n"), [FORCE, TIP]),
 }  # fmt: skip
 
@@ -76,11 +33,12 @@ def test_labview_text(tmp_path, name):
     require(read(tmp_path, content), expected)
 
 
+LVM |= {name: each for name, each in layouts().items() if name.startswith("LabVIEW")}
 #: What lvm_read has no numbers of, or stops at.
 UNREAD = ("no decimal sign stated", "separated by commas", "a special block", "two blocks apart")
 
 
-@pytest.mark.parametrize("name", [name for name in LVM if name not in UNREAD])
+@pytest.mark.parametrize("name", [name for name in LVM if name.removeprefix("LabVIEW, ") not in UNREAD])
 def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
     records = read(tmp_path, LVM[name][0])
     content = lvm_read.read_str(LVM[name][0])
@@ -101,16 +59,8 @@ def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
     assert found or "FFT" in LVM[name][0] or "Real" in LVM[name][0]
 
 
-def test_records_say_where_they_stand(tmp_path):
-    assert [record.where for record in read(tmp_path, LVM["two segments"][0])] == [
-        "segment 1, column 2",
-        "segment 2, column 2",
-    ]
-    assert [record.where for record in read(tmp_path, LVM["an FRF"][0])] == ["segment 1, columns 2 and 3"]
-
-
 def test_counts_and_clocks_that_disagree_are_said(tmp_path):
-    (record,) = read(tmp_path, LVM["a count that is too high"][0])
+    (record,) = read(tmp_path, LVM["LabVIEW, a count that is too high"][0])
     assert record.notes == ("16 rows, where the header says 51200 samples",)
     (record,) = read(tmp_path, lvm(["Force"], [NONE, A], head(["N"]) | {"Delta_X": ["0.000977"]}, layout="No"))
     assert record.notes == ("sampling rate 1023.54 Hz from a Delta_X of 3 digits, 0.000977",)

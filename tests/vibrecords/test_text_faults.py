@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.fuzz.damage import damaged_bytes
+from tests.vibrecords.reading import G2, A, B, C, F, G, H, M, T
 from tests.vibrecords.test_labview_layouts import clock, tdms, xlsx
-from tests.vibrecords.test_text_layouts import G2, A, B, C, F, G, H, M, P, T, read, rows
+from tests.vibrecords.test_text_layouts import P, read, rows
 from vibrecords.errors import MeasurementError
 from vibrecords.records import FrfRecord, SpectrumRecord, TimeRecord
 
