@@ -17,6 +17,7 @@ from vibrecords.formats.attributes import apply_attributes
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_5 import matlab_4_header
+from vibrecords.formats.names import NAMES
 from vibrecords.formats.table import records_of_tables
 from vibrecords.formats.table_text import read_text_table, text_lines
 from vibrecords.formats.tdms import read_tdms
@@ -26,21 +27,6 @@ from vibrecords.frf_set import FrfSet
 from vibrecords.records import MOST_BYTES, MOST_RECORDS, FrfRecord, Record, labels_of, non_negative_half, require_short
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-#: Files that are not measurements, with their beginnings.
-_OTHERS: dict[str, tuple[bytes, ...]] = {
-    "an executable program": (b"\x7fELF", b"MZ"),
-    "a script": (b"#!",),
-    "a PDF document": (b"%PDF",),
-    "a gzip archive": (b"\x1f\x8b",),
-    "a bzip2 archive": (b"BZh",),
-    "an xz archive": (b"\xfd7zXZ",),
-    "a 7-Zip archive": (b"7z\xbc\xaf",),
-    "an old Microsoft Office document (save it as .xlsx or CSV)": (b"\xd0\xcf\x11\xe0",),
-    "an image": (b"\x89PNG", b"\xff\xd8\xff"),
-    "a web page": (b"<!DOCTYPE", b"<html"),
-    "an XML document": (b"<?xml",),
-    "a single NumPy array": (b"\x93NUMPY",),
-}
 _EXPECTED = "expected UFF, MAT, CSV or TSV, xlsx, npz, HDF5, LVM or TDMS; export the measurement in one of them"
 
 
@@ -105,8 +91,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
         raise MeasurementError(f"{path}: found a zip archive without NumPy arrays or sheets; {_EXPECTED}")
     if re.match(rb"\x80[\x01-\x05]|c[\w.]+\n\w+\n|\(lp\d|\(dp\d|[\]}]q\x00", head):
         raise MeasurementError(f"{path}: found a Python pickle, which is never opened; {_EXPECTED}")
-    for name, starts in _OTHERS.items():
-        if head.startswith(starts):
+    for name, starts in NAMES["others"].items():
+        if head.startswith(tuple(start.encode("latin-1") for start in starts)):
             raise MeasurementError(f"{path}: found {name}; {_EXPECTED}")
     return None
 

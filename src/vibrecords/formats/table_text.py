@@ -39,12 +39,10 @@ _FIRST = re.compile(rf"(?:{_LONG})(?![^\W_]|:)|(?:{_SHORT})(?![\w:])", re.IGNORE
 _LAST = re.compile(rf"(?:(?<![^\W_])(?<!:)(?:{_LONG})|(?<![\w:])(?:{_SHORT}))$", re.IGNORECASE)
 #: Words that every FRF may have in its name.
 _FRF = re.compile(r"\b(?:frequency response(?: function)?|transfer function|frf|frequenzgang)\b", re.IGNORECASE)
-_SPECTRUM = re.compile(
-    r"(?<![^\W_])(?:fft|rms|[pace]sd|cpsd|[gsp]_?\{?(?:[ab]{2}|[afiquvxy]{2})\}?|[a-zäöü]{0,9}sp(?:e[ck]|éc)tr(?:um|al|e)|"
-    r"(?:auto|cross)[ -]?(?:power|spectr\w{1,3})|[a-zäöü]{0,9}leistungs?(?:dichte|spektrum)|peak ?hold)(?![^\W_])",
-    re.IGNORECASE,
+_SPECTRUM, _SPECTRAL_UNIT, _INDEX = (
+    re.compile(NAMES["spectra"][what], re.IGNORECASE | re.VERBOSE) for what in ("name", "unit", "index")
 )
-_SPECTRAL_UNIT = re.compile(r"/\s*(?:√|sqrt|rt)?\s*\(?Hz|Hz\^?-1|(?:√|sqrt\(?|rt)\s*Hz|^dB", re.IGNORECASE)
+_UNIT = re.compile(r"/\s*(?:√|sqrt|rt)?\s*\(?Hz|Hz\^?-1|(?:√|sqrt\(?|rt)\s*Hz|^dB", re.IGNORECASE)
 _INDEX = re.compile(
     r"(?:spectral )?(?:line|linie|ligne|index|idx|row|zeile|point|punkt|samples?|bin|marker|event|n[ro°]|number|#)"
     r"\.?(?: ?(?:n[ro°]|number|#)\.?)?",

@@ -26,6 +26,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
+from vibrecords.formats.names import NAMES
 from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
 from vibrecords.formats.table_text import axis_role, bad_number, float_of, plain_text
 from vibrecords.formats.units import (
@@ -686,18 +687,6 @@ def _shape(lines: list[str], at: int, count: int) -> tuple[list[int], Array]:
 
 
 _TIME, _FRF, _COHERENCE, _MODES = 1, 4, 6, 55
-#: Functions that are listed and no data, by their types.
-_LISTED = {
-    0: "function of unknown type",
-    2: "auto spectrum",
-    3: "cross spectrum",
-    5: "transmissibility",
-    7: "auto correlation",
-    8: "cross correlation",
-    9: "power spectral density",
-    10: "energy spectral density",
-    12: "spectrum",
-}
 _PART = 2**20  # bytes of a function that are decoded at once
 #: An FRF has up to four: values and coherence, each with one of another type behind it in files of earlier versions.
 _MOST_SETS = 4 * MOST_RECORDS + 100
@@ -840,7 +829,7 @@ def _record(source: _UniversalFile, data_set: UffDataSet, place: Place, nth: int
         with source.located(data_set):
             return read_mode(source.body(data_set, MOST_MODE_BYTES), data_set.number)
     if kind not in (_TIME, _FRF, _COHERENCE):
-        words, none = _LISTED.get(kind, f"function of type {kind}"), np.empty(0)
+        words, none = NAMES["functions"].get(str(kind), f"function of type {kind}"), np.empty(0)
         told = header.even and header.abscissa.kind == 18 and header.count <= data_set.stop - data_set.start
         lines = _frequency_hz(even_abscissa(header), header, []) if told else none
         return SpectrumRecord(response, words, lines, none, header.numerator.unit, where, ("values not read",))
