@@ -11,7 +11,7 @@ import pytest
 from tests.vibrecords.array_trees import WRITERS
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
-from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
+from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
 G, LBF = 9.80665, 4.4482216152605
 F = 20.0 + 2.5 * np.arange(12)
@@ -27,27 +27,30 @@ def numbers(first, size):
 H, H2 = (numbers(k, 12) + 1j * numbers(k + 3, 12) for k in (25, 31))
 M, G2 = np.abs(H), 0.5 + ((np.arange(12) + 37) * 7 % 13 + 1) / 32
 A, B, C = numbers(40, 48).reshape(3, 16)
+ONE = np.ones(12)
 _KINDS = {
     "FRF": (FrfRecord, {"response": "output 1", "reference": "input 1", "quantity": None, "coherence": None}),
     "time": (TimeRecord, {"sample_rate_hz": 2048.0, "quantity": "unknown", "hit": None}),
     "spectrum": (SpectrumRecord, {}),
     "coherence": (CoherenceRecord, {}),
+    "mode": (ModeRecord, {}),
 }
 
 
 def _array(text):
     """Numbers that layouts.txt calls ``9.8 A``, ``G2 backwards`` or ``B 9``."""
-    factor, name, back, count = re.fullmatch(r"(?:([\d.]+) )?([A-Z]\d?)( backwards)?(?: (\d+))?", text).groups()
+    factor, name, back, count = re.fullmatch(r"(?:([\d.]+) )?([A-Z]+\d?)( backwards)?(?: (\d+))?", text).groups()
     return float(factor or 1) * globals()[name][:: -1 if back else 1][: count and int(count)]
 
 
 def _expected(line):
     told = json.loads(line)
     kind, default = _KINDS[told.pop("type")]
-    told = {"type": kind, **default, **({} if kind in (SpectrumRecord, CoherenceRecord) else {"factor": 1.0}), **told}
+    told = {"type": kind, **default, **({"factor": 1.0} if kind in (FrfRecord, TimeRecord) else {}), **told}
     told |= {key: _array(told[key]) for key in ("values", "coherence") if told.get(key)}
     told |= {"notes": tuple(told["notes"])} if "notes" in told else {}
-    return told if kind is TimeRecord else told | {"frequency_hz": F}
+    told |= {"shape": {dof: complex(value) for dof, value in told["shape"].items()}} if "shape" in told else {}
+    return told if kind is TimeRecord or "values" not in told else told | {"frequency_hz": F}
 
 
 @cache
