@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
 from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 G, LBF = 9.80665, 4.4482216152605
 F = 20.0 + 2.5 * np.arange(12)
 T = np.arange(16) / 2048

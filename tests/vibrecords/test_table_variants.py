@@ -1,7 +1,7 @@
 """Tables as analysers may write them, by kind of fault: each is right, asked with an answer that works, or refused.
 
-The FRF is made of three modes. A row names the end: `RIGHT` values, `LISTED` as a spectrum and no FRF, `ASKED` for its
-unit (what the case then states makes it right), or `REFUSED` in one line.
+The FRF is made of three modes. The words of files are those of words.toml: values are right, listed as a spectrum and
+no FRF, or asked for their unit, and what the case then states makes them right.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.vibrecords.made_files import function_58
-from tests.vibrecords.reading import put, records_of
+from tests.vibrecords.reading import WORDS, put, records_of
 from tests.vibrecords.test_labview_layouts import xlsx
 from vibrecords.assemble import read_measurement
 from vibrecords.errors import MeasurementError
@@ -22,10 +22,10 @@ from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord
 from vibrecords.variance import RelativeNoise
 from vibrecords.warnings.collector import find_warnings
 
-RIGHT, LISTED, ASKED, REFUSED = "right", "listed", "asked", "refused"
+RIGHT, REFUSED = "right", "refused"
 MODES = ((38.2, 0.008, 0.05), (239.4, 0.006, 0.5), (670.3, 0.005, 2.0))
 F = np.arange(10.0, 401.0)
-G, LBF = 9.80665, 4.4482216152605
+G = 9.80665
 
 
 def accelerance(f=F, added=0.0):
@@ -51,17 +51,9 @@ def ends(folder, content, **layout):
 
 # ---- units: the file holds H over this factor
 
-UNITS = {
-    **dict.fromkeys(("m/s²/N", "(m/s²)/N", "m/s^2/N", "m/(s^2·N)", "m/(N s^2)", "1/kg", "kg^-1", "m s^-2 N^-1"), 1.0),
-    **dict.fromkeys(("m·s⁻²·N⁻¹", "ms-2/N", "m/s²·N⁻¹", "m/s^2 * N^-1", "1/N*(m/s²)", "(m/s²)/(N)", "m/s2/N"), 1.0),
-    **{"g/N": G, "gn/N": G, "g/lbf": G / LBF, "g/kN": G / 1e3, "mm/s^2/N": 1e-3, "cm/s²/N": 1e-2, "µm/s²/mN": 1e-3},
-    **{"in/s^2/lbf": 0.0254 / LBF, "ft/s²/lbf": 0.3048 / LBF, "m/s**2/N": 1.0},
-    **dict.fromkeys(("m/s^2*N", "m/s² N", "m/s2·N", "(m/s^2 N)", "m/s**2*N", "m/s^2N", "m/s·N", "m/N*s"), ASKED),
-    **dict.fromkeys(("g/N*s", "m/N s", "mm/s^2*N", "in/s^2*lbf", "N·m", "EU/EU", "V/N", "m/s²/V", "g"), ASKED),
-    **dict.fromkeys(("(m/s^2)*N", "(m/s²)·N", "N*m/s^2", "N^2", "g*N", "N·g", "g²", "(m/s²)^2", "mm*mm/s"), LISTED),
-    **dict.fromkeys(("g^2/Hz", "N²/Hz", "(m/s²)²/Hz", "m/s^2/Hz", "m/s^2*N/Hz", "(m/s^2*N)/Hz", "(m/s²)/√Hz"), LISTED),
-    **dict.fromkeys(("m/s²/N/Hz", "N·s", "m/s²·s"), (ASKED, LISTED)),
-}
+UNITS = {label: float(factor) for factor, labels in WORDS["units"]["accelerance"].items() for label in labels}
+UNITS = {label: factor for label, factor in UNITS.items() if "[" not in label}  # these stand around the unit already
+UNITS |= {label: end for end in ("asked", "listed", "either") for label in WORDS["no_frf"][end]}
 
 
 @pytest.mark.parametrize("parts", ["Real Imag", "Magnitude Phase"])
@@ -77,7 +69,7 @@ def test_units(tmp_path, label, parts):
         (frf,) = frfs
         np.testing.assert_allclose(frf.values, H, rtol=1e-9)
         assert (frf.quantity, spectra) == ("accelerance", [])
-    elif ASKED in end and frfs:
+    elif end in ("asked", "either") and frfs:
         (frf,) = frfs
         assert frf.factor is None
         assert any("left as written" in note for note in frf.notes)
@@ -85,7 +77,7 @@ def test_units(tmp_path, label, parts):
         np.testing.assert_allclose(stated.values, H, rtol=1e-9)
         assert stated.quantity == "accelerance"
     else:
-        assert LISTED in end
+        assert end in ("listed", "either")
         assert not frfs
         assert len(spectra) == (1 if polar else 2)
 
@@ -94,13 +86,8 @@ def test_units(tmp_path, label, parts):
 
 RE_IM = (H.real, H.imag)
 SPECTRA = {
-    **{f"{name} by name": ([f"{name} Real", f"{name} Imag"], *RE_IM) for name in (
-        "Gxf", "Sxf", "Pxy", "Gfx", "gyx", "S_xy", "G_{xf}", "Saf", "Gab", "CSD", "CPSD", "Cross spectrum",
-        "Cross power", "Cross-spectrum tip / hammer", "Kreuzspektrum", "Kreuzleistungsdichte", "FFT tip",
-        "Gxf tip/hammer")},
-    **{f"{name} of one column": ([name], np.abs(H)) for name in (
-        "Gxx", "Gff (N^2)", "Pxx (g^2)", "PSD tip", "ASD", "ESD (N^2)", "Autopower", "Auto spectrum", "RMS tip",
-        "Autoleistungsspektrum", "Leistungsdichte", "Peak hold")},
+    **{f"{name} by name": ([f"{name} Real", f"{name} Imag"], *RE_IM) for name in WORDS["spectra"]["cross"]},
+    **{f"{name} of one column": ([name], np.abs(H)) for name in WORDS["spectra"]["one"]},
     "magnitude and phase of a cross spectrum": (["Gxf mag [m/s^2*N]", "Gxf phase [deg]"], np.abs(H), np.angle(H)),
     "magnitude of a product, a phase": (["Magnitude [(m/s^2)*N]", "Phase [deg]"], np.abs(H), np.angle(H)),
     "decibels of a cross spectrum": (["Gxf [dB]", "Phase [deg]"], np.abs(H), np.angle(H)),
@@ -121,8 +108,7 @@ def test_spectra_are_no_frfs(tmp_path, name):
 #: next to it.
 H1_H2 = [(0.98 * H).real, (0.98 * H).imag]
 ONE_FRF = {
-    **{f"a channel {name}": ([f"{name} Real", f"{name} Imag"], *RE_IM) for name in (
-        "Gap", "Pos", "Sub", "S12", "P11", "Pad", "Sig", "Gear", "Spindle", "Pxz 3")},
+    **{f"a channel {name}": ([f"{name} Real", f"{name} Imag"], *RE_IM) for name in WORDS["spectra"]["channels"]},
     "auto spectra next to it": (["Gff", "Real tip / hammer", "Imag tip / hammer", "Gxx"], np.abs(H), *RE_IM, np.abs(H)),
     "H1, H2, Hv": (["H1 Real", "H1 Imag", "H2 Real", "H2 Imag", "Hv Real", "Hv Imag"], *RE_IM, *H1_H2, *H1_H2),
     "H2, H1": (["H2 Real", "H2 Imag", "H1 Real", "H1 Imag"], *H1_H2, *RE_IM),
@@ -304,29 +290,15 @@ def test_sheets_of_one_channel_each_are_one_record(tmp_path):
 # ---- what stands above the numbers, and names
 
 PLAIN = "".join(f"{f:g}\t{h.real:.12g}\t{h.imag:.12g}\n" for f, h in zip(F, H, strict=True))
-#: Lines above an FRF without names: factor of its unit, averages.
-ABOVE = {
-    "Function class\tFRF\nX axis unit\tHz\nY axis unit\tg/N\nNumber of averages\t5\n\n": (G, 5),
-    "Y axis unit: mm/s^2/N\nAverages: 12\n": (1e-3, 12),
-    "# unit: g/N\n# averages: 3\n": (G, 3),
-    "Unit = (m/s^2)/N\n": (1.0, None),
-    "Response unit\tg\nReference unit\tlbf\n": (G / LBF, None),
-    "Einheit\tg/N\nAnzahl Mittelungen\t8\n": (G, 8),
-    "Units\tg/N\nX unit\tHz\n": (G, None),
-    "Vertical Units: g/N\n": (G, None),
-    "Force unit: N\nAcceleration unit: g\nNo. of averages: 4\n": (G, 4),
-    "Unit under test\tframe 7\nY unit\tg/N\n": (G, None),
-    "Test 3\nOperator\tAM\nAmplitude unit\tg/kN\nNumber of averages\t20\n": (G / 1e3, 20),
-}
 
 
-@pytest.mark.parametrize("above", ABOVE)
+@pytest.mark.parametrize("above", WORDS["above"])
 @pytest.mark.parametrize("names", ["", "Frequency\tReal\tImag\n"])
 def test_values_stated_above_the_numbers_count(tmp_path, above, names):
-    factor, averages = ABOVE[above]
+    factor, averages = WORDS["above"][above]
     (record,) = records_of(tmp_path / "a.txt", above + names + PLAIN)
     np.testing.assert_allclose(record.values, factor * H, rtol=1e-9)
-    assert (record.quantity, record.averages) == ("accelerance", averages)
+    assert (record.quantity, record.averages) == ("accelerance", averages or None)
 
 
 @pytest.mark.parametrize(("text", "kind", "exponent"), [
@@ -345,15 +317,10 @@ def test_the_class_of_a_function_and_gamma_or_its_square(tmp_path, text, kind, e
     np.testing.assert_allclose(record.values, numbers**exponent, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "pair"), [
-    ("FRF 3:-Z/1:+Z", ("3:-Z", "1:+Z")), ("1z/3z", ("1z", "3z")), ("12:Z+/1:Z+", ("12:Z+", "1:Z+")),
-    ("11:rz/11:y", ("11:rz", "11:y")),
-    ("Point:3:Z/Point:1:Z", ("Point:3:Z", "Point:1:Z")), ("tip / hammer", ("tip", "hammer")),
-    ("tip/top", ("tip/top", "input 1")),
-])  # fmt: skip
-def test_points_that_a_stroke_parts_without_blanks(tmp_path, name, pair):
+@pytest.mark.parametrize("name", WORDS["points"])
+def test_points_that_a_stroke_parts_without_blanks(tmp_path, name):
     ((frf,), _) = ends(tmp_path, table([f"{name} Real", f"{name} Imag"], *RE_IM))
-    assert (frf.response, frf.reference) == pair
+    assert [frf.response, frf.reference] == WORDS["points"][name]
 
 
 AXES = {
@@ -399,37 +366,8 @@ def test_many_lines_are_read_fast_and_as_one_by_one(tmp_path):
 # ---- exponential windows that a file states: e^(-a t) makes H(jω + a) of H(jω)
 
 TAU = 0.25
-PER_BLOCK = f"{100 * np.exp(-1 / TAU):.10g}"  # % at the end of a block of 1 s
-#: Lines above a table, or ID lines: what they say of a, 1/s.
-WINDOWS = {
-    **dict.fromkeys((
-        "Windows of force and response: Exponential, tau = 0.25 s", "Window: exponential, tau=0.25 s",
-        "Window: Expo\nTau: 0.25 s",
-        "Response window: Exponential; time constant 0.25 s", "Exponential window, time constant: 250 ms",
-        "Window type: Exponential\nTime constant [s]: 0.25", "Window type: Exponential\nTime constant [ms]: 250",
-        "Fenster: exponentiell, Zeitkonstante 0,25 s", "Exponential window (τ = 0.25 s)",
-        "Force window: Force/exponential, tau 0.25 s",
-        "Window: Exponential, decay rate 4 1/s", "Window: exponential 4.0 s^-1",
-        "Window: Exponential, decay time 0.25 s",
-        "Weighting: exponential, tau: 2.5e-1 s", "Exp window, tau = 0.25", "Fenêtre: exponentielle, tau = 0,25 s",
-        "Window: exponential, tau = 0.25 s\nAverages: 5\nOverlap: 50 %", "Window: Exponential, 5 averages, tau 0.25 s",
-        f"Window: Exponential {PER_BLOCK} %", f"Response window: Exponential (end value {PER_BLOCK} %)",
-        f"Exponential window, final value {np.exp(-1 / TAU):.12f}",
-        f"Overlap: 50 %\nWindow: Exponential, {PER_BLOCK} % at the end",
-    ), 1 / TAU),
-    **dict.fromkeys((
-        "Window: Exponential", "Force window: force\nResponse window: exponential",
-        "Exponential window on both channels",
-        "Window: Exponential\nOverlap: 50 %", "Window: exponential, overlap 66 %", "Fenster: Exponentiell",
-        "Windows: Force, Exponential\nAverages: 5",
-    ), np.nan),
-    **dict.fromkeys((
-        "Window: Hanning", "Window: none", "Window: no exponential window", "Averaging: Exponential, time constant 1 s",
-        "Average type: exponential\nWindow: Hann", "Exponential averaging, tau = 2 s", "Sensor time constant: 0.5 s",
-        "Operator: Expo team", "Fenster: ohne exponentielles Fenster", "Window: uniform\nOverlap: 50 %",
-        "Expected range: 5 %",
-    ), 0.0),
-}  # fmt: skip
+RATES = {"known": 1 / TAU, "unknown": np.nan, "none": 0.0}
+WINDOWS = {above: RATES[kind] for kind, said in WORDS["windows"].items() for above in said}
 
 
 def windowed(above, mark, values):
