@@ -206,9 +206,9 @@ def test_the_interactive_twin_shows_the_data_and_the_band(whole, cheap_posterior
     frf = cheap_posterior.problem.test.data.frf
     plot = next(f.plot for f in of_kind(whole.blocks(), Figure) if f.identifier == "frf-0-0")
     curves, lines = {curve.name: curve.values for curve in plot.curves}, frf.frequency_hz
-    assert list(curves) == ["synthetic", "first guess", "MAP", "paper's iteration", "median"]
+    assert list(curves) == ["computed", "first guess", "MAP", "paper's iteration", "median"]
     np.testing.assert_array_equal(plot.frequency_hz, lines)
-    np.testing.assert_array_equal(curves["synthetic"], frf.values[:, 0, 0])
+    np.testing.assert_array_equal(curves["computed"], frf.values[:, 0, 0])
     low, high = map(np.abs, plot.band)
     best = np.abs(curves["MAP"])
     assert ((low <= best) & (best <= high)).mean() > 0.9

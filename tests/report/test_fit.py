@@ -7,15 +7,17 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.posterior import summarise
+from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.report import ReportInputs
+from jointbayes.report.drawing import frf_overlay
 from jointbayes.report.frf_curves import frf_unit
+from jointbayes.report.line_plot import FrfCurve, FrfPlot
 from jointbayes.report.model import Figure
-from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, _correlations, _shown, fit_section
+from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, fit_section, shown_frfs, table_of_frfs
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
 from tests.report.conftest import posterior_about
-from vibrecords import FrfSet
 
 INITIAL = (1e8, 0.0, 0.0)
 TRUTH = "[data.noise]"
@@ -53,7 +55,7 @@ def drawn(posterior, initial=INITIAL):
 @pytest.mark.usefixtures("plain_reports")
 def test_the_measured_curve_lies_on_that_of_the_map_and_in_its_band(fitted):
     curves = drawn(fitted)
-    measured, best = curves["synthetic"], curves["MAP"]
+    measured, best = curves["computed"], curves["MAP"]
     frf = fitted.problem.test.data.frf.values[:, 0, 0]
     sd = np.sqrt(fitted.problem.test.data.variance[:, 0, 0]) / np.abs(frf)
     apart = np.log(measured / best)
@@ -88,21 +90,33 @@ def test_the_axis_has_the_unit_of_the_frf():
 
 
 def test_of_many_frfs_the_highest_and_those_that_fit_worst_have_figures():
-    outputs = tuple(f"{n}:y" for n in range(1, 31))
-    values = np.ones((5, 30, 1), dtype=complex)
-    values[2, 7] = 100.0
-    pairs = tuple(PairFit(o, "1:y", 1 - 0.01 * n, 1.0, turned=False) for n, o in enumerate(outputs))
-    frf = FrfSet(np.arange(1.0, 6.0), values, outputs, ("1:y",))
-    shown = _shown(frf, Diagnosis((), pairs, ()))
-    assert len(shown) == MOST_FIGURES
-    assert shown == {("8:y", "1:y"), *((o, "1:y") for o in outputs[-MOST_FIGURES + 1 :])}
-    few = frf.select(outputs[:3], ("1:y",))
-    assert _shown(few, Diagnosis((), pairs[:3], ())) == {(o, "1:y") for o in outputs[:3]}
+    every = [(f"{n}:y", "1:y") for n in range(1, 31)]
+    magnitude = np.ones((5, 30, 1))
+    magnitude[2, 7] = 100.0
+    pairs = tuple(PairFit(*pair, 1 - 0.01 * n, 1.0, turned=False) for n, pair in enumerate(every))
+    shown = shown_frfs(every, magnitude, Diagnosis((), pairs, ()))
+    assert shown == {every[7], *every[-MOST_FIGURES + 1 :]}
+    assert shown_frfs(every[:3], magnitude[:, :3], Diagnosis((), pairs[:3], ())) == set(every[:3])
 
 
-def test_the_table_of_many_frfs_says_that_it_shows_the_worst():
-    pairs = tuple(PairFit(f"{n}:y", "1:y", 1 - 0.01 * n, 1.0, turned=False) for n in range(30))
-    (table,) = _correlations(Diagnosis((), pairs, ()))
+def test_the_table_of_many_frfs_has_the_worst_by_shape_or_level_and_tints_a_suspect_sensor():
+    pairs = [PairFit(f"{n}:y", "1:y", 1 - 0.01 * n, 1.0, turned=False) for n in range(29)]
+    suspect = ComparedFrf("30:y", "1:y", 0.5, 1.0, ("level",))
+    (table,) = table_of_frfs("FRFs", (*pairs, suspect), "Level.", (suspect,))
     assert len(table.rows) == MOST_ROWS
-    assert table.rows[0][0] == "29:y/1:y"
+    assert [row[0] for row in table.rows[:2]] == ["30:y/1:y", "28:y/1:y"]
+    assert table.row_kinds[:2] == ("caution", "")
     assert table.note.startswith(f"The {MOST_ROWS} of 30")
+    assert table_of_frfs("FRFs", (), "") == []
+
+
+def test_the_line_that_is_explained_worst_is_marked_and_said():
+    frequency, misfit = np.array([10.0, 20.0, 30.0]), np.array([1.0, 7.0, 2.0])
+    curves = tuple(FrfCurve(name, np.array([1.0, 2.0, 1.0]) + 0j, "#000") for name in ("measured", "MAP"))
+    plot = FrfPlot(("2:y", "1:y"), (0, 0), "receptance", "m/N", frequency, curves, (curves[0].values,) * 2, misfit)
+    assert plot.worst_hz == 20.0
+    marked = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.axes.Axes.axvline", lambda _, x, **__: marked.append(x))
+        frf_overlay(plot)
+    assert marked == [20.0, 20.0]  # magnitude and phase

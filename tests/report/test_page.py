@@ -147,7 +147,7 @@ def test_each_view_of_an_frf_shows_other_curves_and_another_axis(pages, opened):
         figure.get_by_role("button", name="Magnitude", exact=True).click()
         page.wait_for_timeout(50)
         assert pixels(figure) == shown["Magnitude"]
-        for layer in ("95 % band", "synthetic", "first guess", "paper's iteration", "MAP", "median"):
+        for layer in ("95 % band", "computed", "first guess", "paper's iteration", "MAP", "median"):
             button, before = figure.get_by_role("button", name=layer, exact=True), pixels(figure)
             pressed = button.get_attribute("aria-pressed")
             button.click()
@@ -166,7 +166,7 @@ def test_zoom_and_cursor_go_through_all_panels_and_figures(pages, opened):
         page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 40)
         page.wait_for_timeout(50)
         at = re.search(
-            r"Frequency \(Hz\): ([\d.]+) · 95 % band: .* · MAP: .* · Misfit", figure.locator(".hint").inner_text()
+            r"Frequency \(Hz\): ([\d.]+) · 95 % band: .* · MAP: .* · Error", figure.locator(".hint").inner_text()
         )
         elsewhere = page.locator("#residuals .hint").inner_text()
         assert f"Frequency (Hz): {at[1]} · each line" in elsewhere
@@ -263,7 +263,7 @@ def test_numbers_picture_and_comments_leave_the_page(pages, opened, reports, tmp
             complex_values = values[f"{curve.name} real (m/N)"] + 1j * values[f"{curve.name} imaginary (m/N)"]
             np.testing.assert_allclose(np.abs(complex_values), np.abs(curve.values), rtol=0.01)
             assert np.abs(complex_values - curve.values).max() < 0.01 * np.abs(curve.values).max()
-        np.testing.assert_allclose(values["Misfit (sd)"], plot.misfit, atol=1e-3)
+        np.testing.assert_allclose(values["Error (sd)"], plot.misfit, atol=1e-3)
         assert saved(figure.get_by_role("button", name="Picture (SVG) of Figure 2")).startswith("<?xml")
         export = page.get_by_role("button", name=re.compile("Export"))
         assert export.is_disabled()

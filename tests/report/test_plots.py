@@ -89,7 +89,7 @@ def test_the_curves_are_those_of_the_report(cheap_posterior, axes):
     figure = next(block for block in section.blocks if isinstance(block, Figure) and block.identifier == "frf-0-0")
     curves = {curve.name: np.abs(curve.values) for curve in figure.plot.curves}
     jb.plot_frf(cheap_posterior, ax=axes)
-    assert [line.get_label() for line in axes.lines] == ["synthetic", "first guess", "MAP"]
+    assert [line.get_label() for line in axes.lines] == ["computed", "first guess", "MAP"]
     for line in axes.lines:  # of so few lines none is left out
         assert_array_equal(line.get_ydata(), curves[line.get_label()])
 

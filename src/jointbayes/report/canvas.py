@@ -29,7 +29,6 @@ _POWER = re.compile(r"\^\{([-\d]+)\}")
 _BEYOND_HUNDREDTHS = re.compile(r"(?<=\.\d\d)\d+(?=[ \"\n])")
 _BEFORE_POINT = re.compile(r"\s*([MLQC]) (?=-?\d)")
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-_LONGEST = 40  # characters of a label on the vertical axis
 _ENTRY = 0.12  # inches for each point of the font's size, of a legend
 _RIGHT = 0.2  # inches: half a tick label may stand beyond the axes
 _STYLE: Any = {
@@ -171,13 +170,6 @@ def add_strokes(axes: Axes, place: Array, low: Array, high: Array, **style: floa
     path = Path(corners, np.tile([Path.MOVETO, Path.LINETO], len(place)))
     path.should_simplify = False  # or strokes of no length, the dots, are left out
     axes.add_artist(PathPatch(path, fc="none", capstyle="round", snap=False, **style))
-
-
-def margin_labels(labels: Sequence[str]) -> tuple[list[str], float]:
-    """Labels of the vertical axis, long ones cut in the middle, and the left margin that they need in inches."""
-    half = _LONGEST // 2
-    short = [label if len(label) <= _LONGEST else f"{label[: half - 1]}…{label[-half:]}" for label in labels]
-    return short, 0.3 + 0.07 * max(map(len, short))
 
 
 def legend_above(axes: Axes) -> None:

@@ -6,14 +6,13 @@ from dataclasses import replace
 from itertools import chain
 from typing import TypeAlias, TypeVar
 
-from jointbayes.report.guides import with_guides
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.methods import methods_section, rules_of, terms_section
-from jointbayes.report.model import Block, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import Block, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.page_budget import share_pages
-from jointbayes.report.sections.fit_to_data import fit_section, left_out_section
+from jointbayes.report.sections.fit_to_data import check_section, fit_section, left_out_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
-from jointbayes.report.sections.intervals import nuisance_section, posterior_section
+from jointbayes.report.sections.intervals import nuisance_section, numbers_section, posterior_section
 from jointbayes.report.sections.lead import answer_section, lead
 from jointbayes.report.sections.measured_data import (
     case_warnings_section,
@@ -43,6 +42,8 @@ PAGES: tuple[tuple[str, str, tuple[Section, ...], tuple[SectionOfData, ...]], ..
 )
 #: Behind the pages.
 APPENDIX: tuple[Section, ...] = (
+    numbers_section,
+    check_section,
     sampling_section,
     starts_section,
     likelihood_section,
@@ -53,7 +54,6 @@ APPENDIX: tuple[Section, ...] = (
 
 def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build the report: the answer first, then what bears it out, then the appendix."""
-    synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
     pages, more = [], []
     worst = worst_test(inputs.summary)  # whose data the pages show
     shown = next(test for test in inputs.tests if test.summary is worst)
@@ -66,30 +66,30 @@ def build_report(inputs: ReportInputs, date: datetime.date) -> Report:
     more += [replace(section_of_test(n, test, _written(of_data, test)), appendix=True) for n, test in others]
     appendix = [replace(section, appendix=True) for section in _written(APPENDIX, inputs)]
     first = lead(inputs)
-    said = [str(block) for block in chain(first, *(section.blocks for section in pages))]
-    report = Report(
-        title=inputs.title,
-        subtitle=f"Joint stiffness with uncertainty{synthetic}",
-        lead=first,
-        sections=(*map(_fitted, (*pages, *more, *appendix)), terms_section(" ".join(said), rules_of(inputs.posterior))),
-        date=date,
-        version=inputs.posterior.record.versions["jointbayes"],
+    said = " ".join(
+        str(block)
+        for block in chain(first, *(section.blocks for section in (*pages, *more, *appendix)))
+        if not isinstance(block, Figure)
     )
-    return with_guides(report)
+    # tables are no wider than a page
+    sections = [
+        replace(section, blocks=tuple(b.turned() if isinstance(b, Table) else b for b in section.blocks))
+        for section in (*pages, *more, *appendix)
+    ]
+    return _report(inputs, date, first, (*sections, terms_section(said, rules_of(inputs.posterior))))
 
 
 def one_page(inputs: ReportInputs, date: datetime.date) -> Report:
     """Build page one as a document of its own, for the file of a customer: the same numbers and sentences."""
-    synthetic = " — synthetic data" if inputs.summary.fit.synthetic_data else ""
-    page = Report(
-        title=inputs.title,
-        subtitle=f"Joint stiffness with uncertainty{synthetic}",
-        lead=lead(inputs, alone=True),
-        sections=(),
-        date=date,
-        version=inputs.posterior.record.versions["jointbayes"],
-    )
-    return with_guides(page)
+    return _report(inputs, date, lead(inputs, alone=True), ())
+
+
+def _report(
+    inputs: ReportInputs, date: datetime.date, first: tuple[Block, ...], sections: tuple[ReportSection, ...]
+) -> Report:
+    computed = " — computed data" if inputs.computed else ""
+    version = inputs.posterior.record.versions["jointbayes"]
+    return Report(inputs.title, f"Joint stiffness with uncertainty{computed}", first, sections, date, version)
 
 
 def _blocks(
@@ -104,11 +104,6 @@ def _blocks(
             Paragraph(f"**Test {name}**, the one that the model explains worst; the others are in the appendix.")
         )
     return [*blocks, *of_test]
-
-
-def _fitted(section: ReportSection) -> ReportSection:
-    """The section with tables that are no wider than a page."""
-    return replace(section, blocks=tuple(b.turned() if isinstance(b, Table) else b for b in section.blocks))
 
 
 def _written(sections: Iterable[Callable[[Inputs], ReportSection | None]], inputs: Inputs) -> list[ReportSection]:

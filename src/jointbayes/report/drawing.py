@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from jointbayes.posterior.storage import imported_arviz
@@ -126,7 +126,8 @@ def draw_profiles(row: AxesArray, curves: Sequence[tuple[str, Array, Array]]) ->
         axes.plot(value, log_ratio, "o-", ms=2.5, lw=1, color=_BLUE)
         axes.axhline(-1.92, color=_ORANGE, ls="--", lw=1)  # half the 95 % point of χ² with one degree of freedom
         axes.set_ylim(-5, 0.3)
-        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_locator(MaxNLocator(2))
+        axes.ticklabel_format(axis="x", useOffset=False)
         axes.set_xlabel(label)
     row[0].set_ylabel("ln likelihood ratio")
 
@@ -195,6 +196,9 @@ def draw_corner(
         if published is not None:
             _mark(axes, j, i, published, _GREEN, "--", "s")
         axes.grid(visible=False)
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), ScalarFormatter):
+                axis.get_major_formatter().set_useOffset(False)
     _label_beyond_ticks([axes.xaxis for axes in grid[-1]], [axes.yaxis for axes in grid[1:, 0]])
 
 
@@ -283,8 +287,10 @@ def draw_mode_shape(
     legend_above(axes)
 
 
-def draw_frequency_errors(axes: Axes, measured: Array, sd: Array | None, rows: dict[str, Any]) -> None:
-    """Deviation of predicted from measured natural frequencies in per cent, by mode.
+def draw_frequency_errors(
+    axes: Axes, measured: Array, sd: Array | None, rows: dict[str, Any], kind: str = "measured"
+) -> None:
+    """Deviation of predicted from measured or published natural frequencies, as `kind` says, in per cent, by mode.
 
     `rows` maps a legend entry to frequencies (modes,) or to their (lower, upper) interval.
     """
@@ -302,7 +308,7 @@ def draw_frequency_errors(axes: Axes, measured: Array, sd: Array | None, rows: d
     axes.axhline(0, color="0.4", lw=0.6)
     axes.set_xticks(mode)
     axes.set_xlabel("Mode")
-    axes.set_ylabel("Deviation from measured (%)")
+    axes.set_ylabel(f"Deviation from {kind} (%)")
     legend_above(axes)
 
 
@@ -344,6 +350,8 @@ def frf_overlay(plot: FrfPlot, share: float = 1.0) -> str:
         column[1].get_legend().remove()
         if plot.coherence is not None:
             draw_curve(column[2], plot.frequency_hz, plot.coherence, "Coherence", log=False)
+        for axes in column:
+            axes.axvline(plot.worst_hz, color="0.4", ls=":", lw=0.9)
         for axes in column[:-1]:
             axes.set_xlabel("")
         column[0].figure.align_ylabels()

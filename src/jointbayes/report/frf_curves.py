@@ -9,6 +9,7 @@ from jointbayes.frf import Ports
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior
 from jointbayes.report.canvas import extremes
+from jointbayes.report.inputs import computed_from
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot
 from vibrecords import FrfSet, Quantity
 from vibrecords.arrays import Indices
@@ -68,7 +69,7 @@ def frf_curves(
     low, median, high = ((size * turn).astype(np.complex128) for size, turn in zip(sizes, turns, strict=True))
     blue, *colours = SERIES_COLOURS
     curves = [
-        FrfCurve("synthetic" if data.synthetic else "measured", frf.values, colours[0]),
+        FrfCurve("computed" if data.synthetic or computed_from(posterior) else "measured", frf.values, colours[0]),
         FrfCurve("first guess", guess, colours[1], dashed=True),
         FrfCurve("MAP", best, colours[2]),
         *(FrfCurve("paper's iteration", each, colours[3], True, True) for each in others if np.isfinite(each).all()),

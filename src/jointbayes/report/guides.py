@@ -3,12 +3,11 @@
 import re
 import tomllib
 from collections.abc import Collection
-from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from jointbayes.report.model import Block, Figure, Guide, Report
+from jointbayes.report.model import Guide
 from jointbayes.sampling import SamplerSettings
 from jointbayes.verdict_rule import RULE, VerdictRule
 
@@ -24,16 +23,6 @@ def guide_of(identifier: str) -> Guide | None:
     own = re.sub(r"^test-\d+-", "", identifier)
     named = max((name for name in packaged("guides.toml") if own.startswith(name)), key=len, default=None)
     return None if named is None else Guide(**packaged("guides.toml")[named])
-
-
-def with_guides(report: Report) -> Report:
-    """The report, each figure with how to read it."""
-    sections = tuple(replace(section, blocks=_guided(section.blocks)) for section in report.sections)
-    return replace(report, lead=_guided(report.lead), sections=sections)
-
-
-def _guided(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
-    return tuple(replace(b, guide=b.guide or guide_of(b.identifier)) if isinstance(b, Figure) else b for b in blocks)
 
 
 def terms(rules: Collection[VerdictRule] = (RULE,)) -> dict[str, str]:

@@ -19,6 +19,7 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from jointbayes.report.canvas import extremes, points_of_polyline
+from jointbayes.report.guides import guide_of
 from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot, LinePlot, Wireframe
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
 from jointbayes.report.model import Figure, Report
@@ -78,7 +79,7 @@ def _template() -> jinja2.Template:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters.update(rich=_rich, plain=plain, clean=clean, data_uri=_data_uri, payload=_payload)
-    environment.globals.update(badge=badge, symbols=SYMBOLS, spoken=_SPOKEN)
+    environment.globals.update(badge=badge, guide_of=guide_of, symbols=SYMBOLS, spoken=_SPOKEN)
     return environment.from_string(_asset("templates/report.html.j2"))
 
 
@@ -148,10 +149,11 @@ def _frf_numbers(plot: FrfPlot) -> dict[str, Any]:
         | _packed_columns(x, {"size": (size, True, span), "angle": (plot.phase_deg(curve.values), False, 360.0)})
         for curve, size in zip((*band, *plot.curves), sizes, strict=True)
     ]
-    strips = {"Misfit (sd)": plot.misfit} | ({} if plot.coherence is None else {"Coherence": plot.coherence})
+    strips = {"Error (sd)": plot.misfit} | ({} if plot.coherence is None else {"Coherence": plot.coherence})
     return {
         "kind": "frf",
         "unit": plot.unit,
+        "worst": plot.worst_hz,
         "band": packed[:2],
         "curves": packed[2:],
         "strips": [

@@ -10,6 +10,11 @@ from jointbayes.report.markup import foreign
 from vibrecords.arrays import Array
 
 
+def computed_from(posterior: Posterior) -> str:
+    """From what the data in files were computed, where the case says that they were not measured."""
+    return "" if posterior.case is None else posterior.case.about.get("computed", "")
+
+
 @dataclass(frozen=True)
 class TestInputs:
     """What the sections on the data of one test are written from.
@@ -64,6 +69,12 @@ class ReportInputs:
         """Title of the case, or the problem's name."""
         case = self.posterior.case
         return foreign(self.posterior.problem.name if case is None else case.title)
+
+    @property
+    def computed(self) -> str:
+        """From what the data were computed; empty of measured data."""
+        stated = "the joint and the noise that the case states" if self.summary.fit.synthetic_data else ""
+        return stated or foreign(computed_from(self.posterior))
 
     @property
     def specimen(self) -> str:

@@ -117,6 +117,11 @@ class FrfPlot:
     misfit: Array
     coherence: Array | None = None
 
+    @property
+    def worst_hz(self) -> float:
+        """The line that the MAP explains worst, Hz."""
+        return float(self.frequency_hz[np.argmax(self.misfit)])
+
     def phase_deg(self, values: NDArray[np.complex128]) -> Array:
         """Phase of one of the curves, within half a turn of the median's, degrees."""
         median = self.curves[-1].values

@@ -7,10 +7,11 @@ may carry ``**bold**`` and `` `code` `` and nothing else (see :mod:`jointbayes.r
 
 import datetime
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import chain, count
-from typing import ClassVar, TypeAlias, get_args
+from typing import Any, ClassVar, TypeAlias, get_args
 
 from jointbayes.report.line_plot import FrfPlot, LinePlot, Wireframe
 from jointbayes.report.markup import Kind as Kind
@@ -154,6 +155,11 @@ class Table:
             raise ValueError(f"{where}: {len(self.row_kinds)} row kinds for {len(self.rows)} rows")
         if unknown := set(self.row_kinds) - {"", *get_args(Kind)}:
             raise ValueError(f"{where}: unknown row kinds {sorted(unknown)}")
+
+    @classmethod
+    def of(cls, caption: str, columns: Mapping[str, Iterable[str]], **options: Any) -> "Table":  # noqa: ANN401 (fields)
+        """Make a table of its columns by their titles."""
+        return cls(caption, tuple(columns), tuple(zip(*columns.values(), strict=True)), **options)
 
     def turned(self) -> "Table":
         """Rows as columns where it is wider than a page and higher than it is wide then; itself elsewhere."""

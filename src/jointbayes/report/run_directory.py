@@ -15,7 +15,6 @@ from jointbayes.posterior.knowledge import judged_names, rows_of
 from jointbayes.progress import Progress, ProgressCallback, callback_of, tell_nobody
 from jointbayes.report import Figure, Report, ReportInputs, build_report, render_html, render_pdf
 from jointbayes.report.contents import one_page
-from jointbayes.report.guides import with_guides
 from jointbayes.report.kept_draws import draws_kept
 from jointbayes.report.methods import references
 from jointbayes.report.model import Paragraph
@@ -143,7 +142,6 @@ def json_text(numbers: dict[str, Any]) -> str:
 
 def write_into(directory: Path, report: Report, files: Mapping[str, str]) -> None:
     """Write report, figures, references and other files, in this order, into a directory; each is whole or absent."""
-    report = with_guides(report)
     figures = {f"figures/{block.identifier}.svg": block.svg for block in report.blocks() if isinstance(block, Figure)}
     if cited := references(*(block.text for block in report.blocks() if isinstance(block, Paragraph))):
         figures["references.bib"] = cited

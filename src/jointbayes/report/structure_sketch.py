@@ -5,7 +5,7 @@ Modes are lines that bend: where members lie, and how each of their points moves
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 from typing import Any, Literal
 
 import numpy as np
@@ -258,13 +258,19 @@ def _outlines(problem: Problem, places: _Places) -> Iterator[tuple[Array, str]]:
         half = _height(recipe.section) / 2
         yield np.array([[0, -half], [recipe.length, -half], [recipe.length, half], [0, half]]), ""
     elif isinstance(recipe, ImportedRecipe):
-        if recipe.outline is not None:
-            yield from ((ends @ _OBLIQUE, "") for ends in recipe.outline.places[recipe.outline.lines])
+        lines = _edges(recipe.corners) if recipe.outline is None else recipe.outline.places[recipe.outline.lines]
+        yield from ((ends @ _OBLIQUE, "") for ends in lines)
     elif not places.to_scale and len(places.order) <= _MOST_MASSES:
         box = np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]])
         for name, place in places.order.items():
             yield box + np.array([float(place), 0.0]), name
         yield box * [0.1, 2.0] - [1.0, 0.0], ""
+
+
+def _edges(corners: Sequence[Sequence[float]]) -> list[Array]:
+    """The twelve edges of a box, each by its two ends, shape (2, 3); none without corners."""
+    ends = [np.array(place) for place in product(*zip(*corners, strict=True))]
+    return [np.array(pair) for pair in combinations(ends, 2) if np.count_nonzero(pair[0] != pair[1]) == 1]
 
 
 def _stretches(body: FrameBody, member: Member) -> Iterator[Array]:

@@ -66,6 +66,7 @@ class AboutSpec(Spec):
     date: Annotated[str, BeforeValidator(_day), key_field("the day of the test, as 2026-11-25", "2026-11-25")] = ""
     operator: Annotated[str, _what("who made the test", "A. Miller")] = ""
     instruments: Annotated[str, _what("what it was measured with", "hammer PCB 086C03, accelerometer 352C33")] = ""
+    computed: Annotated[str, _what("what the data were computed from, if nothing was measured", "a model of mine")] = ""
 
 
 class IdentificationSpec(Spec):

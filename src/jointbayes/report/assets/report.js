@@ -347,6 +347,20 @@
     new ResizeObserver(() => { const next = size(); if (next.width !== chart.width) chart.setSize(next); }).observe(live);
   };
 
+  // A dotted line across a chart at one frequency.
+  const dotted = (u, value) => {
+    const x = u.valToPos(value, "x", true), { left, width, top, height } = u.bbox;
+    if (x < left || x > left + width) return;
+    u.ctx.save();
+    u.ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+    u.ctx.strokeStyle = "#5b6672";
+    u.ctx.beginPath();
+    u.ctx.moveTo(x, top);
+    u.ctx.lineTo(x, top + height);
+    u.ctx.stroke();
+    u.ctx.restore();
+  };
+
   const STRIP = 84;
   const drawFrf = (plot, live, name, done) => {
     const lines = plot.lines, full = { min: lines[0], max: lines[lines.length - 1] };
@@ -375,7 +389,7 @@
         axes: [bottom, { ...axis("y", content.y_label, content.log_y, true), size: side() - 20 }],
         hooks: {
           ready: [(u) => u.setScale("x", shown)],
-          draw: [done],
+          draw: [done, (u) => dotted(u, plot.worst)],
           setSelect: [(u) => {
             const { left, width } = u.select;
             u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);

@@ -1,5 +1,6 @@
 """Measured and predicted data: whether the model explains them, the FRFs side by side, and what was left out."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,38 +8,56 @@ import numpy as np
 from jointbayes.inference import Problem
 from jointbayes.posterior import Posterior, PredictiveCheck
 from jointbayes.posterior.compared_frfs import ComparedFrf, compared_frfs_of, sentences_of_faults
-from jointbayes.posterior.diagnosis import Diagnosis
+from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report import drawing
 from jointbayes.report.frf_curves import frf_curves
 from jointbayes.report.inputs import ReportInputs, TestInputs
-from jointbayes.report.line_plot import FrfPlot, LinePlot, Series
+from jointbayes.report.line_plot import LinePlot, Series
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Figure, Paragraph, ReportSection, Table
+from jointbayes.report.sections.trust import explained
 from jointbayes.rounding import interval, number
-from vibrecords import FrfData, FrfSet
+from vibrecords import FrfData
+from vibrecords.arrays import Array
 
 #: FRFs that have figures, and rows of a table of FRFs; those that fit worst come first.
 MOST_FIGURES, MOST_ROWS = 8, 20
 _SHARE_OF_SEVERAL = 0.65  # of the height of a lone FRF, so that a page takes two
-_NOT_FITTED = "Its modes were fitted, not its lines: between them and in height it need not agree."
 _FIRST = 2  # blocks on FRFs before the residuals and the tables
 
 
 def fit_section(inputs: TestInputs) -> ReportSection:
-    """Measured against predicted."""
-    summary = inputs.summary
-    blocks: list[Block] = [Paragraph(foreign(f"{summary.check.sentence} {summary.check.advice}"))]
-    data, shown = inputs.problem.test.data.frfs, inputs.problem.test.data.shown_frfs
-    of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, summary.diagnosis)
-    residuals = [] if data is None else [_residuals(data, summary.check)]
-    test = inputs.problem.test.name
+    """Measured against predicted, what is explained worst first."""
+    summary, test, data = inputs.summary, inputs.problem.test.name, inputs.problem.test.data
+    check, diagnosis = summary.check, summary.diagnosis
+    # 1. Whether the model explains the data, and what and which sensor to check.
+    advice = check.advice if check.explains else " ".join((*diagnosis.advice, check.advice))
+    of_test = f"Test {test}: " if test else ""
+    blocks: list[Block] = [Paragraph(foreign(f"{of_test}The model {explained(check)} {advice}"))]
     compared = compared_frfs_of(inputs.posterior)[test]
     blocks += [Callout("caution", foreign(text)) for text in sentences_of_faults(compared, test)]
-    table = _compared(compared) if data is None else _correlations(summary.diagnosis)
-    blocks += [*of_frfs[:_FIRST], *residuals, *table, *of_frfs[_FIRST:]]
-    blocks.append(Paragraph(f"**For the statistician.** {foreign(summary.check.figures)}"))
-    return ReportSection("fit", "Measured and predicted", tuple(blocks))
+    # 2. Figures of FRFs, and a table of them all.
+    shown = data.shown_frfs
+    of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, diagnosis)
+    residuals = [] if data.frfs is None else [_residuals(data.frfs, check)]
+    if data.frfs is None:
+        note = "Over lines above the noise. Agreement: mean cosine of the phase, −1 where the sign is opposite. Level: "
+        table = table_of_frfs("FRFs of data and answer", compared, f"{note}median ratio.", compared)
+    else:
+        note = "Agreement: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
+        note += "resonances where there are any."
+        table = table_of_frfs("FRFs of data and best fit", diagnosis.pairs, note, compared)
+    return ReportSection(
+        "fit", "Measured and predicted", (*blocks, *of_frfs[:_FIRST], *residuals, *table, *of_frfs[_FIRST:])
+    )
+
+
+def check_section(inputs: ReportInputs) -> ReportSection:
+    """What the check of each test rests on, for who knows the tests."""
+    checks = (test.summary.check for test in inputs.tests)
+    said = (Paragraph(foreign(f"{check.sentence} {check.figures}")) for check in checks)
+    return ReportSection("check", "Check of the model", tuple(said))
 
 
 def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
@@ -50,7 +69,7 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
         series.append(Series(name, middle, np.maximum(mean, 1e-4)))
     return Figure(
         "residuals",
-        "Squared misfit of each line over the noise's, mean over the draws; the line is a running mean over 1 % "
+        "Squared residual of each line over the noise's, mean over the draws; the line is a running mean over 1 % "
         "of the lines. Where it stays above 1 the model is wrong.",
         f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
         drawing.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),
@@ -58,87 +77,69 @@ def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
     )
 
 
-def _correlations(diagnosis: Diagnosis) -> list[Block]:
-    """How well each FRF of the best fit correlates with the data."""
-    if not diagnosis.pairs:
-        return []
-    shown, note = diagnosis.pairs, ""
-    if len(shown) > MOST_ROWS:
-        shown = tuple(sorted(shown, key=lambda p: p.correlation)[:MOST_ROWS])
-        note = f"The {MOST_ROWS} of {len(diagnosis.pairs)} that correlate least; summary.json has all. "
-    pairs = tuple((foreign(f"{p.output}/{p.input}"), f"{p.correlation:.4f}", number(p.level)) for p in shown)
-    note += (
-        "Correlation: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
-        "resonances where there are any."
-    )
-    return [Table("FRFs of data and best fit", ("FRF", "Correlation", "Level, data over fit"), pairs, note=note)]
+def table_of_frfs(
+    title: str, pairs: Sequence[PairFit | ComparedFrf], note: str, compared: Sequence[ComparedFrf] = ()
+) -> list[Block]:
+    """A row for each FRF, those that are furthest off first; a tint for those whose sensor is to be checked."""
 
+    def off(pair: PairFit | ComparedFrf) -> float:
+        away = (1 - pair.correlation, abs(math.log(pair.level)) if pair.level > 0 else math.nan)
+        return max((each for each in away if math.isfinite(each)), default=0.0)
 
-def _compared(compared: Sequence[ComparedFrf]) -> list[Block]:
-    """Level and phase of FRFs that were not fitted."""
-    if not compared:
+    if not pairs:
         return []
-    shown = sorted(compared, key=lambda frf: not frf.faults)[:MOST_ROWS]
-    rows = tuple((foreign(f"{f.output}/{f.input}"), f"{f.correlation:.3f}", number(f.level)) for f in shown)
-    note = (
-        "Over lines above the noise. In phase: mean cosine of the phase, 1 where both agree, −1 where the sign is "
-        "opposite. Level: median ratio."
-    )
-    kinds = tuple("caution" if frf.faults else "" for frf in shown)
-    return [
-        Table(
-            "FRFs of data and answer", ("FRF", "In phase", "Level, data over answer"), rows, note=note, row_kinds=kinds
-        )
-    ]
+    suspect = {(frf.output, frf.input) for frf in compared if frf.faults}
+    shown = sorted(pairs, key=off, reverse=True)[:MOST_ROWS]
+    rows = tuple((foreign(f"{p.output}/{p.input}"), f"{p.correlation:.4f}", number(p.level)) for p in shown)
+    more = f"The {MOST_ROWS} of {len(pairs)} that are furthest off; summary.json has all. "
+    kinds = tuple("caution" if (p.output, p.input) in suspect else "" for p in shown)
+    head = ("FRF", "Agreement", "Level, measured over predicted")
+    return [Table(title, head, rows, note=f"{more * (len(pairs) > MOST_ROWS)}{note}", row_kinds=kinds)]
 
 
 def _frf_figures(posterior: Posterior, problem: Problem, data: FrfData, diagnosis: Diagnosis) -> list[Block]:
-    frf = data.frf
-    shown = _shown(frf, diagnosis)
-    every = len(frf.outputs) * len(frf.inputs)
-    blocks: list[Block] = []
-    if len(shown) < every:
+    """Figures of all FRFs, or of many those that correlate least and the one with the highest peak; the worst first."""
+    frf, blocks = data.frf, list[Block]()
+    every = [(output, input_) for output in frf.outputs for input_ in frf.inputs]
+    shown = shown_frfs(every, np.abs(frf.values), diagnosis)
+    if len(shown) < len(every):
         frf = frf.select(
             tuple(o for o in frf.outputs if any(o == output for output, _ in shown)),
             tuple(i for i in frf.inputs if any(i == input_ for _, input_ in shown)),
         )
-        text = (
-            f"Of {every} FRFs the figures show {len(shown)}: one with the highest resonances, and those that correlate "
-            "least with the MAP."
-        )
-        blocks.append(Paragraph(text))
-    share, said = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL, dict.fromkeys(shown, _NOT_FITTED)
-    if problem.test.data.frfs is not None:
+        text = f"Of {len(every)} FRFs the figures show {len(shown)}: one with the highest resonances, and those that "
+        blocks.append(Paragraph(f"{text}correlate least with the MAP."))
+    squares = None
+    if problem.test.data.frfs is not None:  # over all lines, of which a figure may show some
         away = np.abs(data.frf.values - problem.log_posterior.predicted(posterior.estimate.theta)[0]) ** 2
-        squares = (away / data.variance).mean(axis=0)  # over all lines, of which a figure may show some
-        for output, input_ in shown:
-            misfit = np.sqrt(squares[data.frf.outputs.index(output), data.frf.inputs.index(input_)])
-            said[output, input_] = f"The MAP misses this FRF by {misfit:#.3g} times the stated noise (1 is expected)."
-    blocks += (_figure(plot, share, said[plot.pair]) for plot in frf_curves(posterior, problem, frf, shown))
+        squares = (away / data.variance).mean(axis=0)
+    plots = frf_curves(posterior, problem, frf, shown)
+    for plot in sorted(plots, key=lambda plot: -float(np.mean(plot.misfit**2))):
+        output, input_ = plot.pair
+        said = "Its modes were fitted, not its lines: between them and in height it need not agree."
+        if squares is not None:
+            rms = math.sqrt(squares[data.frf.outputs.index(output), data.frf.inputs.index(input_)])
+            said = f"The MAP misses this FRF by {rms:#.3g} times the stated noise (1 is expected)."
+        title, measured = f"{plot.quantity} {foreign('/'.join(plot.pair))}", plot.curves[0].name
+        said += f" Dotted: the line that is explained worst, {plot.worst_hz:.5g} Hz."
+        first, last = plot.frequency_hz[[0, -1]]
+        caption = f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior."
+        alt = (
+            f"Magnitude and phase of the {title}, {first:g} to {last:g} Hz: {measured}, first guess, MAP and 95 % band."
+        )
+        share = 1.0 if len(shown) == 1 else _SHARE_OF_SEVERAL
+        name = f"frf-{plot.place[0]}-{plot.place[1]}"
+        blocks.append(Figure(name, f"{caption} {said}", alt, drawing.frf_overlay(plot, share), plot))
     return blocks
 
 
-def _shown(frf: FrfSet, diagnosis: Diagnosis) -> set[tuple[str, str]]:
+def shown_frfs(every: Sequence[tuple[str, str]], magnitude: Array, diagnosis: Diagnosis) -> set[tuple[str, str]]:
     """The FRFs that have figures: all, or of many the one with the highest peak and those that correlate least."""
-    every = [(output, input_) for output in frf.outputs for input_ in frf.inputs]
     if len(every) <= MOST_FIGURES:
         return set(every)
-    highest = every[int(np.abs(frf.values).max(axis=0).argmax())]
+    highest = every[int(magnitude.max(axis=0).argmax())]
     worst = [(p.output, p.input) for p in sorted(diagnosis.pairs, key=lambda p: p.correlation)] or every
     return {highest, *[pair for pair in worst if pair != highest][: MOST_FIGURES - 1]}
-
-
-def _figure(plot: FrfPlot, share: float, said: str) -> Figure:
-    title = f"{plot.quantity} {foreign('/'.join(plot.pair))}"
-    first, last = plot.frequency_hz[[0, -1]]
-    measured = plot.curves[0].name
-    return Figure(
-        f"frf-{plot.place[0]}-{plot.place[1]}",
-        f"The {title}: {measured}, first guess of the joint, and MAP with the 95 % band of the posterior. {said}",
-        f"Magnitude and phase of the {title}, {first:g} to {last:g} Hz: {measured}, first guess, MAP and 95 % band.",
-        drawing.frf_overlay(plot, share),
-        plot,
-    )
 
 
 def left_out_section(inputs: ReportInputs) -> ReportSection | None:

@@ -97,7 +97,7 @@ def freed_blocks(knowledge: Knowledge) -> list[Block]:
     note = (
         "Each is sampled with only these quantities uncertain and all others at their stated values, until each "
         f"interval end is known to {100 * END_TOLERANCE:g} % of the interval's width, or the 2.5 % beyond it to a "
-        "tenth. A dash: the draws did not settle."
+        "tenth. A dash: the draws did not converge."
     )
     lead = knowledge.freed_sentence
     if knowledge.assumed:

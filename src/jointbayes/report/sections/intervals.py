@@ -41,7 +41,6 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
             svg,
         )
     )
-    blocks.append(_table(inputs))
     blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = region_level(posterior, reference)
@@ -61,37 +60,37 @@ def corner_values(posterior: Posterior) -> tuple[list[str], Array, Array, Array 
     return [axis.axis_label for axis in parametrisation.axes], draws, prior, point, mode
 
 
-def _table(inputs: ReportInputs) -> Table:
-    """The full table."""
-    head = (
-        "Quantity" if inputs.posterior.problem.parametrisation.damped else "Stiffness",
-        "Joint mode",
-        "MAP",
-        "Mean",
-        "sd of ln k",
-        "Prior 95 %",
-        "Contraction",
-        "R̂",
-        "ESS bulk",
-        "ESS tail",
-    )
-    rows = tuple(
-        (
-            name,
-            number(p.mode, 4),
-            number(p.map, 4),
-            number(p.mean, 4),
-            number(p.known.sd_log),
-            interval(p.prior_interval95, 2),
-            contraction(p.known.contraction, 4),
-            fixed(p.r_hat, 4),
-            fixed(p.ess_bulk, 0),
-            fixed(p.ess_tail, 0),
-        )
-        for name, p in inputs.summary.parameters.items()
-    )
-    note = f"Joint mode, MAP and mean in the stiffness's unit. {_what_contraction_is(row[6] for row in rows)}"
-    return Table("Posterior in numbers", head, rows, note=note)
+def numbers_section(inputs: ReportInputs) -> ReportSection:
+    """How the numbers came out: prior, contraction and how well the chains know each."""
+    stiffnesses, others = inputs.summary.parameters, inputs.summary.nuisances
+    # 1. Of stiffnesses everything.
+    of = stiffnesses.values()
+    columns = {
+        "Damping or stiffness" if inputs.posterior.problem.parametrisation.damped else "Stiffness": stiffnesses,
+        "Joint mode": [number(p.mode, 4) for p in of],
+        "MAP": [number(p.map, 4) for p in of],
+        "Mean": [number(p.mean, 4) for p in of],
+        "sd of ln k": [number(p.known.sd_log) for p in of],
+        "Prior 95 %": [interval(p.prior_interval95, 2) for p in of],
+        "Contraction": [contraction(p.known.contraction, 4) for p in of],
+        "R̂": [fixed(p.r_hat, 4) for p in of],
+        "ESS bulk": [fixed(p.ess_bulk, 0) for p in of],
+        "ESS tail": [fixed(p.ess_tail, 0) for p in of],
+    }
+    note = "Joint mode, MAP and mean in the stiffness's unit."
+    tables = [Table.of("Posterior in numbers", columns, note=f"{note} {_what_contraction_is(columns['Contraction'])}")]
+    # 2. Of all else how it was drawn.
+    if others:
+        columns = {
+            "Quantity": [foreign(readable(name)) for name in others],
+            "Contraction": [contraction(n.contraction, 2) for n in others.values()],
+            "R̂": [fixed(n.r_hat, 4) for n in others.values()],
+            "ESS bulk": [fixed(n.ess_bulk, 0) for n in others.values()],
+            "ESS tail": [fixed(n.ess_tail, 0) for n in others.values()],
+        }
+        note = _what_contraction_is(columns["Contraction"])
+        tables.append(Table.of("Other uncertain quantities, drawn", columns, note=note))
+    return ReportSection("numbers", "Posterior in numbers", tuple(tables))
 
 
 def _what_contraction_is(shown: Iterable[str]) -> str:
@@ -104,24 +103,17 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
     nuisances = inputs.summary.nuisances
     if not nuisances:
         return None
-    rows = tuple(
-        (
-            foreign(readable(name)),
-            number(n.nominal, 4),
-            interval(n.prior_interval95, 4),
-            number(n.median, 4),
-            interval(n.interval95, 4),
-            foreign(n.unit),
-            contraction(n.contraction, 2),
-            fixed(n.r_hat, 3),
-        )
-        for name, n in nuisances.items()
-    )
-    head = ("Quantity", "Stated", "Prior 95 %", "Median", "Posterior 95 %", "Unit", "Contraction", "R̂")
-    note = _what_contraction_is(row[6] for row in rows)
-    return ReportSection(
-        "nuisances", "What else was uncertain", (Table("Other uncertain quantities", head, rows, note=note),)
-    )
+    of = nuisances.values()
+    columns = {
+        "Quantity": [foreign(readable(name)) for name in nuisances],
+        "Stated": [number(n.nominal, 4) for n in of],
+        "Prior 95 %": [interval(n.prior_interval95, 4) for n in of],
+        "Median": [number(n.median, 4) for n in of],
+        "Posterior 95 %": [interval(n.interval95, 4) for n in of],
+        "Unit": [foreign(n.unit) for n in of],
+    }
+    table = Table.of("Other uncertain quantities", columns)
+    return ReportSection("nuisances", "What else was uncertain", (table,))
 
 
 def verdict_sentences(summary: Summary, *, beside: bool = True) -> str:

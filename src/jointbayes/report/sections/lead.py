@@ -261,7 +261,7 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     """What keeps the answer from being better, the most important first."""
     summary, premises = inputs.summary, inputs.posterior.problem.premises
     if not inputs.posterior.converged:
-        return "The calculation: nothing can be said before it has settled."
+        return "The calculation: nothing can be said before it has converged."
     parts = []
     if premises.reason:
         parts.append(f"{sentence_start(premises.decision)}.")

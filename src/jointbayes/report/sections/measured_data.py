@@ -18,22 +18,18 @@ def measured_modes_section(inputs: TestInputs) -> ReportSection | None:
     provenance = inputs.problem.test.data.provenance
     if provenance is None or not provenance.modes:
         return None
-    rows = tuple(
-        (
-            str(i),
-            f"{mode.frequency_hz:.2f}",
-            number(mode.frequency_sd_hz, 2),
-            f"{100 * mode.damping_ratio:.3f}",
-            number(100 * mode.damping_sd, 2),
-        )
-        for i, mode in enumerate(provenance.modes, 1)
-    )
-    head = ("Mode", "Frequency (Hz)", "sd (Hz)", "Damping (%)", "sd (%)")
+    columns = {
+        "Mode": [str(i) for i, _ in enumerate(provenance.modes, 1)],
+        "Frequency (Hz)": [f"{mode.frequency_hz:.2f}" for mode in provenance.modes],
+        "sd (Hz)": [number(mode.frequency_sd_hz, 2) for mode in provenance.modes],
+        "Damping (%)": [f"{100 * mode.damping_ratio:.3f}" for mode in provenance.modes],
+        "Its sd (%)": [number(100 * mode.damping_sd, 2) for mode in provenance.modes],
+    }
     note = (
         "From a modal fit of the measured FRFs, without the model of the structure. Frequency: undamped. Damping: "
         "ratio to the critical one."
     )
-    table = Table("Measured natural frequencies and damping", head, rows, note=note)
+    table = Table.of("Measured natural frequencies and damping", columns, note=note)
     return ReportSection("measured-modes", "Measured modes", (table,))
 
 

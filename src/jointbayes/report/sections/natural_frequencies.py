@@ -41,7 +41,6 @@ def frequency_section(inputs: TestInputs) -> ReportSection | None:
     best = np.array(frequencies.map or [peak.predicted_hz for peak in peaks])
     if not best.size:
         return None
-    kind = "published" if modes is None else "measured"
     of_data = "Peak of the data (Hz)" if modes is None else "Measured (Hz)"
     seen = [min(peaks, key=lambda peak: abs(peak.predicted_hz - hz), default=None) for hz in best]
     seen = [
@@ -60,11 +59,8 @@ def frequency_section(inputs: TestInputs) -> ReportSection | None:
         "Damping, data over MAP": ["–" if peak is None else number(peak.damping_ratio, 2) for peak in seen],
     }
     shown = {head: cells for head, cells in columns.items() if set(cells) - {"–"}}
-    rows = tuple(zip(*shown.values(), strict=True))
     note = _PEAKS if modes is None and peaks else ""
-    blocks: list[Block] = [
-        Table("Natural frequencies", tuple(shown), rows, note=f"{note} {_whose(inputs.problem)}".strip())
-    ]
+    blocks: list[Block] = [Table.of("Natural frequencies", shown, note=f"{note} {_whose(inputs.problem)}".strip())]
     ranges = zip(columns["MAP (Hz)"][: best.size], columns["95 % interval (Hz)"], strict=False)
     names = tuple(f"Mode {i}: {hz} Hz ({ends})" for i, (hz, ends) in enumerate(ranges, 1))[:_MOST_SHAPES]
     frame = wireframe(inputs.problem, inputs.posterior.estimate, names)
@@ -74,6 +70,7 @@ def frequency_section(inputs: TestInputs) -> ReportSection | None:
         blocks.append(Figure("mode-shapes", caption, alt, drawing.wireframes(frame), frame))
     if measured:
         errors = frequency_values(frequencies, inputs.problem.test.data)
+        kind = errors[-1]
         svg = drawing.draw_alone(drawing.draw_frequency_errors, *errors, height=3.0, top=0.3)
         caption = f"Predicted natural frequencies against the {kind} ones."
         caption += " These were not fitted: the FRFs were." if modes is None else ""
@@ -83,11 +80,12 @@ def frequency_section(inputs: TestInputs) -> ReportSection | None:
     return ReportSection("frequencies", "Natural frequencies", tuple(blocks))
 
 
-def frequency_values(frequencies: FrequencySummary, data: Data) -> tuple[Array, Array | None, dict[str, Any]]:
-    """Measured frequencies, their standard deviations if they are the data, and what is predicted of them."""
+def frequency_values(frequencies: FrequencySummary, data: Data) -> tuple[Array, Array | None, dict[str, Any], str]:
+    """Measured frequencies, their standard deviations if they are the data, what is predicted, and their kind."""
     low, high = np.array(frequencies.interval95).T
     series = {"MAP": np.array(frequencies.map), "95 % interval": (low, high)}
-    return np.array(frequencies.measured), None if data.modes is None else data.modes.sd_hz, series
+    sd, kind = (None, "published") if data.modes is None else (data.modes.sd_hz, "measured")
+    return np.array(frequencies.measured), sd, series, kind
 
 
 def _whose(problem: Problem) -> str:

@@ -25,9 +25,9 @@ def overview_section(inputs: ReportInputs) -> ReportSection | None:
         row = [foreign(test.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
         row.append("yes" if check.explains else "no")
         rows.append(tuple(row))
-    head = ("Test", "Data", "Values", "Misfit over noise", "Explained")
+    head = ("Test", "Data", "Values", "Residuals over noise", "Explained")
     note = (
-        "Misfit over noise: of the best fit to all tests, about 1 expected. Explained: whether the model explains "
+        "Residuals over noise: of the best fit to all tests, about 1 expected. Explained: whether the model explains "
         "its data. A quantity whose name begins with a test's is its own; all others are one for all."
     )
     kinds = tuple("" if test.summary.check.explains else "bad" for test in inputs.tests)

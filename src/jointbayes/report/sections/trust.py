@@ -3,13 +3,14 @@
 import math
 
 from jointbayes.phrases import DO_NOT_USE
+from jointbayes.posterior import PredictiveCheck
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.summary import Summary, TestSummary
 from jointbayes.posterior.verdicts import default_priors, mode_agrees, mode_distance
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Kind, Light, Lights
-from jointbayes.rounding import number
+from jointbayes.rounding import number, sentence_start, told_apart
 
 #: What may be found of calculation, model and data, and the colour of the light then.
 FINDINGS: dict[str, tuple[str, Kind]] = {
@@ -35,7 +36,7 @@ def _calculation(inputs: ReportInputs) -> tuple[str, str]:
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
         how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
-        return "not settled", f"Not settled: {DO_NOT_USE}. {how}"
+        return "not settled", f"Not converged: {DO_NOT_USE}. {how}"
     if not mode_agrees(posterior):
         away = number(mode_distance(posterior), 2)
         return "best fit missed", f"The search missed the best fit: it lies {away} standard deviations away."
@@ -58,15 +59,14 @@ def _model(inputs: ReportInputs) -> tuple[str, str]:
     bodies, error = summary.measured_bodies, summary.model_error
     if bodies is not None and not bodies.within:
         return "noise of bodies ignored" if bodies.ignored else "noise of bodies", foreign(bodies.sentence)
-    if not worst.check.explains:
-        misfit = f"{_misfit(worst)} {worst.diagnosis.measure}".strip()
-        return "misfit", f"Does not explain the {worst.check.of}{of_test}. {misfit}"
-    if worst.check.finding == "noise overstated":
-        text = f"Explains the {worst.check.of}{of_test}, with noise stated too large. {_misfit(worst)}"
-        return "noise overstated", text
+    if error is None or not worst.check.explains or worst.check.finding == "noise overstated":
+        of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 and worst.check.explains else of_test
+        text = sentence_start(explained(worst.check, of_all))
+        if worst.check.explains:
+            return "explained" if worst.check.finding == "explained" else worst.check.finding, text
+        suspect = f" Check the sensor of FRF {foreign(worst.diagnosis.sensor)}." if worst.diagnosis.sensor else ""
+        return "misfit", f"{text} {worst.diagnosis.measure}{suspect}".rstrip()
     of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
-    if error is None:
-        return "explained", f"Explains the {worst.check.of}{of_all}. {_misfit(worst)}"
     # The size of an inferred error says how good the model is: residuals are small next to any such size.
     if error.grade == "negligible":
         return "explained", f"Explains the modes{of_all}."
@@ -84,11 +84,14 @@ def worst_test(summary: Summary) -> TestSummary:
     return min(summary.tests.values(), key=lambda test: test.check.smallest_p_value)
 
 
-def _misfit(test: TestSummary) -> str:
-    """The misfit in units of the noise, beside what noise alone gives."""
-    check = test.check
-    misfit, low, high = (f"{math.sqrt(square):#.3g}" for square in (check.chi2_per_line, *check.chi2_band))
-    return f"Misfit {misfit} times the noise; noise alone gives {low} to {high}."
+def explained(check: PredictiveCheck, of_tests: str = "") -> str:
+    """Whether the model explains the data, after "the model", with residuals next to those that noise alone gives."""
+    size, low, high = told_apart(*map(math.sqrt, (check.chi2_per_line, *check.chi2_band)))
+    overstated = ", with noise stated too large" * (check.level in ("below", "far below"))
+    pattern = ", in a pattern along frequency" if check.pattern == "correlated" and not check.explains else ""
+    verb = "explains" if check.explains else "does not explain"
+    said = f"{verb} the {check.of}{of_tests}{overstated}."
+    return f"{said} Residuals are {size} times the noise{pattern}; noise alone gives {low} to {high}."
 
 
 def _data(inputs: ReportInputs) -> tuple[str, str]:
@@ -103,8 +106,8 @@ def _data(inputs: ReportInputs) -> tuple[str, str]:
     if doubts:
         more = f" And {len(doubts) - 1} more, see below." if len(doubts) > 1 else ""
         return "doubts", f"{foreign(_short(doubts[0]))}{more}"
-    if summary.fit.synthetic_data:
-        return "computed", "Computed from the joint and the noise that the case states, not measured."
+    if inputs.computed:
+        return "computed", f"Computed from {inputs.computed}, not measured."
     return "measured", f"{summary.fit.n_data} measured values; nothing in them looks doubtful."
 
 

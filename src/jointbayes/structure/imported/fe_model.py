@@ -189,8 +189,13 @@ class FeModel:
     @property
     def box(self) -> tuple[float, ...] | None:
         """Sides of the box that holds the nodes that move, m; None without coordinates."""
-        known = np.isin(self.nodes, self.dofs[:, 0])
-        return tuple(np.ptp(self.places[known], axis=0).tolist()) if known.any() else None
+        return tuple(np.ptp(self.corners, axis=0).tolist()) if self.corners else None
+
+    @property
+    def corners(self) -> tuple[tuple[float, ...], ...]:
+        """Two opposite corners of the box that holds the nodes that move, m; none without coordinates."""
+        places = self.places[np.isin(self.nodes, self.dofs[:, 0])]
+        return (tuple(places.min(axis=0).tolist()), tuple(places.max(axis=0).tolist())) if len(places) else ()
 
     @property
     def size(self) -> str:

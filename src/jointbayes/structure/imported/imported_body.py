@@ -110,6 +110,8 @@ class ImportedRecipe(Recipe):
         See `Recipe`.
     outline
         Lines of a picture; None where the model has no elements.
+    corners
+        Two opposite corners of the box that holds the nodes, m; none without coordinates.
     """
 
     reduced: ReducedModel
@@ -122,6 +124,7 @@ class ImportedRecipe(Recipe):
     size: str = ""
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     outline: Outline | None = None
+    corners: tuple[tuple[float, ...], ...] = ()
 
     kind: ClassVar[str] = "imported structure"
     extent: ClassVar[float] = 1.0  # a metre, as of matrices
@@ -365,4 +368,5 @@ def reduce_to_ports(
         accelerometer_mass=accelerometer_mass,
         accelerometer_dofs=tuple(accelerometer_dofs),
         outline=outline,
+        corners=model.corners,
     )
