@@ -108,7 +108,7 @@ def test_draws_without_walkers_are_called_independent_and_have_no_figures_of_cha
     without = with_sampler(inputs, move_acceptance={})
     text, section = methods_text(without), sampling_section(without)
     drawn = f"{len(inputs.posterior.theta)} independent draws"
-    assert f"importance sampling from a distribution that was fitted to it: {drawn}" in text
+    assert f"[cappe2008, owen2000]: {drawn}" in text
     assert drawn in section.blocks[0].text
     for word in ("ensembles of", "walkers", "with these moves"):
         assert word in methods_text(inputs)

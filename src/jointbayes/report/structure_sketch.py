@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.text import Annotation
 
 from jointbayes.frf import AssembledShapes
 from jointbayes.identification import MapEstimate
@@ -130,6 +131,29 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         _draw_mark(axes, mark, 0.08 * size)
     if drawing.to_scale:
         _draw_scale(axes, drawing.low, size)
+    _keep_apart(axes)
+
+
+def _keep_apart(axes: Axes) -> None:
+    """Move each label that lies on an earlier one to the first place around its point that is free."""
+    axes.apply_aspect()
+    taken: list[tuple[Array, Array]] = []  # middle and half size of each label, points
+    for label in (text for text in axes.texts if isinstance(text, Annotation) and text.get_text()):
+        at = axes.transData.transform(label.xy) * 72 / axes.figure.dpi
+        half = np.array([0.3 * len(label.get_text()), 0.6]) * label.get_fontsize()
+        aside = {"left": half[0], "right": -half[0]}.get(label.get_horizontalalignment(), 0.0)
+        if label.anncoords != "offset points":  # the name of a body stays inside it
+            taken.append((at, half))
+            continue
+        x, y = label.xyann
+        for offset in ((x, y), *((x, y + step) for step in (10, 20, -10, -20)), (-x, -y)):
+            middle = at + offset + [aside, 0.0]
+            if all((np.abs(middle - other) >= half + size).any() for other, size in taken):
+                label.xyann = offset
+                break
+        else:
+            middle = at + (x + aside, y)
+        taken.append((middle, half))
 
 
 def _draw_ground(axes: Axes, place: Array, out: Array, size: float) -> None:
