@@ -86,7 +86,7 @@ def test_a_model_that_does_not_explain_the_data_leads_the_report(of_wrong):
     (lights,) = (block for block in built.lead if isinstance(block, Lights))
     model = next(light for light in lights.lights if light.name == "Model")
     assert model.kind == "bad"
-    assert model.text.startswith("Does not explain the data. Misfit ")
+    assert model.text.startswith("Does not explain the data. Residuals are ")
     worst = max(abs(r["error_percent"]) for r in summary["fit"]["resonances"])
     assert f"off by up to {worst:.2g} %" in model.text
     assert summary["check"]["sentence"] in [b.text for b in built.blocks() if isinstance(b, Paragraph)]
