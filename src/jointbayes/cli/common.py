@@ -117,13 +117,11 @@ def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
     if limited:
         say(LIMIT_NOTE)
     bounds = knowledge.bounds_sentences if knowledge else ()
-    for line in (*assumptions_of(posterior), *bounds, *solution_sentences(posterior)):
-        say(line)
+    say(*assumptions_of(posterior), *bounds, *solution_sentences(posterior))
     if posterior.estimate.sentence:
         say(posterior.estimate.sentence)
     for errors_of in (mesh_of(posterior), measured_bodies_of(posterior)):
-        for line in () if errors_of is None or errors_of.within else errors_of.sentences:
-            say(line)
+        say(*(() if errors_of is None or errors_of.within else errors_of.sentences))
 
 
 def exit_by_convergence(posterior: "Posterior") -> None:

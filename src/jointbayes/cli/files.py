@@ -70,8 +70,7 @@ def init(file: tuple[Path, ...], measured: tuple[Path, ...], kind: str | None, l
         text = propose_case(given, target.parent, layout, text if kind else "")
         if sys.stdin.isatty() and sys.stdout.isatty() and not (manner().json or manner().quiet):
             text = ask(text, _answer)
-            for line in sketch(text):
-                say(line)
+            say(*sketch(text))
     write_whole_file(target, text.encode())
     lines = [i for i, line in enumerate(text.splitlines(), 1) if '"?' in line and not line.startswith("#")]
     manner().result |= {"case": str(target), "questions": lines}
@@ -127,13 +126,11 @@ def inspect_command(
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
     band_hz = band or (None, None)
     inspection = contents_of(file, mass, conjugate=conjugate, band_hz=band_hz, layout=layout)
-    for line in contents_text(inspection):
-        say(line)
+    say(*contents_text(inspection))
     if inspection.frfs:
         show_stage(Progress("fitting resonances", f"{inspection.frfs[0].frequency_hz.size} lines"))
     inspection = with_resonances(inspection, band_hz)
-    for line in resonances_text(inspection):
-        say(line)
+    say(*resonances_text(inspection))
     manner().result |= {"file": inspection.source, "format": inspection.form, "records": dict(inspection.kinds)}
     manner().result |= {"channels": list(inspection.channels), "averages": list(inspection.averages)}
     manner().result["doubts"] = [asdict(warning) for warning in inspection.warnings]

@@ -70,8 +70,8 @@ def shortened(text: str) -> str:
     return _LONG_NAME.sub(lambda name: f"{name[0][:40]}…{name[0][-30:]}", text)
 
 
-def say(line: str, *, err: bool = False, whole: bool = False) -> None:
-    """Print a line on standard output, or on standard error.
+def say(*lines: str, err: bool = False, whole: bool = False) -> None:
+    """Print lines on standard output, or on standard error.
 
     Characters that do not print are escaped, and endless names are shortened unless the line is to stay `whole`. A
     closed standard error, as in ``2>&1 | head -1``, is no reason to lose a run: what follows for it is dropped. Where
@@ -84,10 +84,11 @@ def say(line: str, *, err: bool = False, whole: bool = False) -> None:
     """
     how = manner()
     if how.json and not err:
-        how.told["messages"].append(line)
+        how.told["messages"] += lines
         return
     show_status("")
-    _write(printable(line) if whole else shortened(printable(line)), err=err)
+    for line in lines:
+        _write(printable(line) if whole else shortened(printable(line)), err=err)
 
 
 def _write(text: str, *, err: bool, nl: bool = True) -> None:
@@ -148,8 +149,7 @@ def fail(faults: str, *, show_source: bool = False, whole: bool = False) -> None
     for number, fault in enumerate(faults.split("\n")):
         manner().told["errors"].append(located(fault))
         say(f"{'' if number else 'jointbayes: '}{fault}", err=True, whole=whole)
-        for line in source_lines(fault) if show_source or sys.stderr.isatty() else ():
-            say(line, err=True)
+        say(*(source_lines(fault) if show_source or sys.stderr.isatty() else ()), err=True)
 
 
 def located(message: str) -> dict[str, Any]:

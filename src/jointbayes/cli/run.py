@@ -52,10 +52,8 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
     for check, diagnosis in zip(checks_of(posterior), diagnoses_of(posterior), strict=True):
         if check.finding != "explained" or check is posterior.check:
             say(check.sentence)
-        for line in () if check.explains else diagnosis.sentences:
-            say(line)
-    for line in sentences_of_left_out(inputs.summary.left_out):
-        say(line)
+        say(*(() if check.explains else diagnosis.sentences))
+    say(*sentences_of_left_out(inputs.summary.left_out))
     manner().result |= inputs.summary.to_dict()
     report_written(target)
     say_stages()
@@ -246,8 +244,7 @@ def export(
     require_free(target, "--to")
     loaded = load_posterior(source)
     numbers = {name: int(number) for name, _, number in pairs}
-    for line in write(loaded, target, chosen, test=test, units=units, nodes=numbers, first_id=first_id):
-        say(line)
+    say(*write(loaded, target, chosen, test=test, units=units, nodes=numbers, first_id=first_id))
     manner().result |= {"written": str(target), "format": chosen}
     say(f"Written: {target} ({chosen})")
     common.exit_by_convergence(loaded)

@@ -55,8 +55,7 @@ def compare(config: tuple[Path, ...], out: Path | None, seed: int | None, nested
         _require_place(out, A_COMPARISON)
     with show_progress() as progress:
         comparison = weigh(cases, seed=seed, progress=progress, nested=nested)
-    for line in (*comparison.sentences, *evidence_table(comparison.summary()).lines()):
-        say(line)
+    say(*comparison.sentences, *evidence_table(comparison.summary()).lines())
     if out is not None:
         comparison.write(out)
         report_written(out)
@@ -105,8 +104,7 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
     if asked.lobes is not None:
         show_stage(Progress("predicting the stability lobes", f"{asked.lobes.teeth} teeth"))
     lobes = predict_lobes(loaded, asked, test)
-    for line in prediction_lines(found, loaded, lobes):
-        say(line)
+    say(*prediction_lines(found, loaded, lobes))
     manner().written = write_prediction(found, asked, loaded, directory, lobes)
     manner().result |= found.as_json()
     report_written(directory)
@@ -152,8 +150,7 @@ def same(before: Path, new: Path, seed: int) -> None:
                 for given in (before, new)
             ]
             change = compare_joints(one, other, seed, progress)
-    for line in change.lines:
-        say(line)
+    say(*change.lines)
     manner().result |= asdict(change) | {"changed": change.changed}
     if not change.converged:
         sys.exit(common.NOT_CONVERGED)
@@ -182,8 +179,7 @@ def plan(given: Path, seed: int | None) -> None:
     with show_progress() as progress:
         result = ranked(case or load_posterior(common.posterior_file(given)), seed=seed, progress=progress)
     manner().result |= result.as_json()
-    for line in result.lines:
-        say(line)
+    say(*result.lines)
     if not result.converged:
         sys.exit(common.NOT_CONVERGED)
 

@@ -328,14 +328,20 @@ def draw_alone(
     return _page(lambda grid: draw(grid[0, 0], *values), (width, height), top=top)
 
 
-def _in_rows(draw: Callable[[AxesArray], None], count: int, height: float, **layout: Any) -> str:  # noqa: ANN401
+def in_rows(
+    draw: Callable[..., None],
+    *values: Any,  # noqa: ANN401 (those of `draw`)
+    count: int,
+    height: float,
+    **layout: Any,  # noqa: ANN401 (that of `panels`)
+) -> str:
     """SVG text of what is drawn onto so many axes, shape (count,), four to a row of this height in inches."""
     rows = -(-count // _COLUMNS)
 
     def onto(grid: AxesArray) -> None:
         for spare in grid.ravel()[count:]:
             spare.remove()
-        draw(grid.ravel()[:count])
+        draw(grid.ravel()[:count], *values)
 
     return _page(onto, (7.4, rows * height), rows=rows, columns=min(count, _COLUMNS), **layout)
 
@@ -368,17 +374,6 @@ def wireframes(frame: Wireframe) -> str:
     height = float(np.clip(size[1] / size[0] * 7.2 / columns, 0.7, 2.2)) + 0.4
     layout: Any = {"rows": rows, "columns": columns, "left": 0.2, "bottom": 0.05, "top": 0.35, "apart": (0.4, 0.15)}
     return _page(lambda axes: draw_wireframes(axes.ravel(), frame), (7.4, rows * height), **layout)
-
-
-def profiles(curves: Sequence[tuple[str, Array, Array]]) -> str:
-    """Profile likelihoods side by side."""
-    return _in_rows(lambda axes: draw_profiles(axes, curves), len(curves), 2.4, apart=(0.5, 0.1), sharey=True)
-
-
-def histories(titles: Sequence[str], history: Array, published: Array | None) -> str:
-    """The paper's Fig. 8."""
-    layout: Any = {"left": 0.45, "top": 0.3, "apart": (0.75, 0.45)}
-    return _in_rows(lambda a: draw_histories(a, titles, history, published), len(titles), 2.5, **layout)
 
 
 def corner_plot(labels: Sequence[str], posterior: Array, prior: Array, published: Array | None, mode: Array) -> str:

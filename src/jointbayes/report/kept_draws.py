@@ -44,10 +44,8 @@ def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
     except BaseException:
         kept.unlink(missing_ok=True)
         raise
-    try:
+    with draws_explained(kept, directory):
         yield kept
-    except (Exception, KeyboardInterrupt) as error:
-        raise _explained(error, kept, directory) from error
     kept.unlink(missing_ok=True)
 
 
@@ -62,8 +60,11 @@ def draws_explained(draws: Path, directory: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (Exception, KeyboardInterrupt) as error:
-        raise _explained(error, draws, directory) from error
+    except KeyboardInterrupt as error:
+        text = f"interrupted while the report was written; {_go_on(draws, directory)}"
+        raise ReportInterruptedError(text) from error
+    except Exception as error:
+        raise ReportError(f"{directory}: no report: {_one_line(error)}; {_go_on(draws, directory)}") from error
 
 
 def save_draws(posterior: Posterior, path: Path, directory: Path | None = None) -> None:
@@ -98,28 +99,18 @@ def save_draws(posterior: Posterior, path: Path, directory: Path | None = None) 
         raise WriteError(f"{error}; {_go_on(rescue, directory)}") from error
 
 
-def _explained(error: BaseException, draws: Path, directory: Path) -> ReportError | ReportInterruptedError:
-    """What failed, on one line with where the draws are."""
-    if isinstance(error, KeyboardInterrupt):
-        return ReportInterruptedError(f"interrupted while the report was written; {_go_on(draws, directory)}")
-    assert isinstance(error, Exception)
-    return ReportError(f"{directory}: no report: {_one_line(error)}; {_go_on(draws, directory)}")
-
-
 def _reserve_file(named: Path) -> Path:
-    """A file for draws beside a run directory; its name is taken."""
-    ends = itertools.chain([""], (f"-{number}" for number in itertools.count(2)))
-    return next(filter(_reserved, (named.with_name(f"{named.name}.posterior{end}.nc") for end in ends)))
-
-
-def _reserved(path: Path) -> bool:
-    """Whether a name was free; it is taken now, so that no other run keeps its draws there."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("xb").close()
-    except OSError:  # where no file can be made, writing the draws will say why and look for another place
-        return not path.exists()
-    return True
+    """A file for draws beside a run directory; its name is taken now, so that no other run keeps its draws there."""
+    for end in itertools.chain([""], (f"-{number}" for number in itertools.count(2))):
+        path = named.with_name(f"{named.name}.posterior{end}.nc")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.open("xb").close()
+        except OSError:  # where no file can be made, writing the draws will say why and look for another place
+            if path.exists():
+                continue
+        return path
+    raise AssertionError
 
 
 def _go_on(draws: Path, directory: Path | None) -> str:

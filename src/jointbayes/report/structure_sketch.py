@@ -152,7 +152,7 @@ def _keep_apart(axes: Axes) -> None:
                 label.xyann = offset
                 break
         else:
-            middle = at + (x + aside, y)
+            middle = at + np.array([x + aside, y])
         taken.append((middle, half))
 
 

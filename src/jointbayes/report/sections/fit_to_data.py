@@ -147,25 +147,21 @@ def left_out_section(inputs: ReportInputs) -> ReportSection | None:
     predicted = inputs.summary.left_out
     if not predicted:
         return None
-    rows = [
-        (
-            foreign(f"{each.test} {each.names[i]}".strip()),
-            number(each.measured[i], 4),
-            number(each.median[i], 4),
-            interval((each.low[i], each.high[i]), 4),
-            "yes" if each.inside[i] else "no",
-        )
-        for each in predicted
-        for i in each.shown
-    ]
+    shown = [(each, i) for each in predicted for i in each.shown]
+    columns = {
+        "Left out": [foreign(f"{each.test} {each.names[i]}".strip()) for each, i in shown],
+        "Measured": [number(each.measured[i], 4) for each, i in shown],
+        "Median": [number(each.median[i], 4) for each, i in shown],
+        "95 % interval": [interval((each.low[i], each.high[i]), 4) for each, i in shown],
+        "Inside": ["yes" if each.inside[i] else "no" for each, i in shown],
+    }
     count = sum(each.inside.size for each in predicted)
     note = (
         "The intervals are those of a measurement: what is uncertain in joint and structure, the error of the model "
         "where [noise] states one, and the stated noise. Frequencies in Hz, FRFs as magnitudes."
     )
-    note += f" Of {count} values those outside." if len(rows) < count else ""
-    head = ("Left out", "Measured", "Median", "95 % interval", "Inside")
-    kinds = tuple("" if row[-1] == "yes" else "bad" for row in rows)
-    table = Table("Left out and predicted", head, tuple(rows), note=note, row_kinds=kinds)
+    note += f" Of {count} values those outside." if len(shown) < count else ""
+    kinds = tuple("" if inside == "yes" else "bad" for inside in columns["Inside"])
+    table = Table.of("Left out and predicted", columns, note=note, row_kinds=kinds)
     text = Paragraph(foreign(sentence_of_left_out(predicted)))
     return ReportSection("left-out", "Left out and predicted", (text, table))

@@ -7,9 +7,8 @@ import numpy as np
 from jointbayes.phrases import NO_VALID_VALUE, Reason, listed
 from jointbayes.posterior import Knowledge, Posterior
 from jointbayes.posterior.decision import premises_of
-from jointbayes.posterior.directions import NamedDirection
 from jointbayes.posterior.fisher import spread_in_words
-from jointbayes.posterior.identifiability import LIMIT_LEVEL, VerdictClass, limit_in_words
+from jointbayes.posterior.identifiability import LIMIT_LEVEL, limit_in_words
 from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.what_decides import WhatDecides
 from jointbayes.report import drawing
@@ -36,8 +35,16 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
     if knowledge.bounds_sentence:
         blocks.append(Paragraph(f"**{knowledge.bounds_sentence}**"))
     blocks.append(Paragraph(f"**{knowledge.directions_sentence}**"))
-    verdicts = [_verdict(d.verdict, explained=knowledge.check.explains) for d in knowledge.directions]
-    rows = tuple((d.quantity, *_figures(d), v) for d, v in zip(knowledge.directions, verdicts, strict=True))
+    verdicts, rows = [], []
+    for named in knowledge.directions:
+        # what is not known is not known under any condition, as on page one; of what is bounded only the limit is said
+        known = knowledge.check.explains or named.verdict in ("not identified", "no verdict")
+        verdicts.append(named.verdict if known else NO_VALID_VALUE)
+        cells = (limit_in_words(named.verdict, named.limit, named.unit), "–", "–")
+        if not math.isfinite(named.limit):
+            ends = rounded_interval(named.interval95, named.interval95_error)
+            cells = (ends, factor(named.ratio), number(named.sd_log))
+        rows.append((named.quantity, *cells, verdicts[-1]))
     dash = (
         f"A dash: draws of both signs, or a one-sided limit at {LIMIT_LEVEL}."
         if any("–" in row for row in rows)
@@ -48,26 +55,13 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
         Table(
             "Combinations of the stiffnesses that are determined independently",
             ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
-            rows,
+            tuple(rows),
             note=f"Computed from the draws, best known first, with the verdicts of single stiffnesses. {ratio}{dash}",
             row_kinds=tuple(map(kind_of, verdicts)),
         )
     )
     blocks.append(_correlations(inputs.posterior))
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
-
-
-def _verdict(verdict: VerdictClass, *, explained: bool) -> str:
-    """A verdict as on page one: what is not known is not known under any condition."""
-    return verdict if explained or verdict in ("not identified", "no verdict") else NO_VALID_VALUE
-
-
-def _figures(named: NamedDirection) -> tuple[str, str, str]:
-    """Interval, ratio of its ends and spread; of a stiffness that is bounded its limit only."""
-    if math.isfinite(named.limit):
-        return limit_in_words(named.verdict, named.limit, named.unit), "–", "–"
-    ends = rounded_interval(named.interval95, named.interval95_error)
-    return ends, factor(named.ratio), number(named.sd_log)
 
 
 def _correlations(posterior: Posterior) -> Table:
@@ -176,7 +170,14 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
             "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
             "dashed, the limit at 95 %.",
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            drawing.profiles([profile.on_axis for profile in knowledge.profiles]),
+            drawing.in_rows(
+                drawing.draw_profiles,
+                [profile.on_axis for profile in knowledge.profiles],
+                count=len(knowledge.profiles),
+                height=2.4,
+                apart=(0.5, 0.1),
+                sharey=True,
+            ),
         ),
     )
     return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

@@ -8,7 +8,6 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
 from jointbayes.rounding import number, sentence_start
 from vibrecords import MeasuredFile
-from vibrecords.provenance import ChannelUse, MeasurementWarning
 
 _MOST_CHANNELS = 40  # in the table
 
@@ -56,15 +55,21 @@ def measurement_section(inputs: TestInputs) -> ReportSection | None:
             f" It is itself an estimate, with {p.variance_dof} degrees of freedom at each line, so the standardised "
             "residuals follow Student's t distribution with as many, unless [noise] states another."
         )
-    blocks: list[Block] = [Callout("caution", f"**Check {foreign(w.where)}.** {_sentence(w)}") for w in p.warnings]
+    said = ((w.where, f"{sentence_start(w.sentence)}; {w.remedy}.") for w in p.warnings)
+    blocks: list[Block] = [Callout("caution", f"**Check {foreign(at)}.** {foreign(what)}") for at, what in said]
     blocks.append(Paragraph(text))
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), tuple(map(_file_row, p.files))))
-    head = ("Channel", "Used as", "DOF", "Factor", "Mass taken out (g)")
-    more = ""
+    shown, more = p.channels[:_MOST_CHANNELS], ""
     if len(p.channels) > _MOST_CHANNELS:
         more = f"The first {_MOST_CHANNELS} of {len(p.channels)}; summary.json has all."
-    rows = tuple(_channel_row(use) for use in p.channels[:_MOST_CHANNELS])
-    blocks.append(Table("Channels", head, rows, align="lllrr", note=more))
+    columns = {
+        "Channel": [f"`{foreign(c.channel)}`{' (other direction)' if c.reversed_direction else ''}" for c in shown],
+        "Used as": [c.role for c in shown],
+        "DOF": [foreign(c.dof) for c in shown],
+        "Factor": [number(c.factor, 6) for c in shown],
+        "Mass taken out (g)": [number(1e3 * c.accelerometer_mass) if c.accelerometer_mass else "–" for c in shown],
+    }
+    blocks.append(Table.of("Channels", columns, align="lllrr", note=more))
     blocks += [Paragraph(foreign(text)) for text in p.notes]
     if p.left_out:
         shown = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
@@ -73,18 +78,8 @@ def measurement_section(inputs: TestInputs) -> ReportSection | None:
     return ReportSection("measurement", "Measurement", tuple(blocks))
 
 
-def _sentence(warning: MeasurementWarning) -> str:
-    return foreign(f"{sentence_start(warning.sentence)}; {warning.remedy}.")
-
-
 def _file_row(file: MeasuredFile) -> tuple[str, ...]:
     return foreign(file.name), f"{file.size}", f"`{foreign(file.sha256)}`"
-
-
-def _channel_row(use: ChannelUse) -> tuple[str, ...]:
-    turned = " (other direction)" if use.reversed_direction else ""
-    mass = number(1e3 * use.accelerometer_mass) if use.accelerometer_mass else "–"
-    return (f"`{foreign(use.channel)}`{turned}", use.role, foreign(use.dof), number(use.factor, 6), mass)
 
 
 def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
@@ -97,29 +92,28 @@ def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
         for part in inputs.posterior.problem.parts
         for body in part.test.measured_bodies
     ]
-    head = ("Body", "DOFs", "Lines", "Noise, median (%)", "Reciprocity")
     note = (
         "Noise: standard deviation of the receptances over their size, median over lines and pairs. Reciprocity: mean "
         "square of the difference of FRFs when force and response change places over what their noise allows, 1 "
         "expected; a dash where no pair was measured both ways. Nothing is interpolated."
     )
-    rows = tuple(_body_row(name, body) for name, body in bodies)
-    table = Table("Measured bodies", head, rows, align="llrrr", note=note)
+    lines = [body.frequency_hz for _, body in bodies]
+    columns = {
+        "Body": [foreign(name) for name, _ in bodies],
+        "DOFs": [foreign(", ".join(body.dofs)) for _, body in bodies],
+        "Lines": [f"{f.size}, {f[0]:g} to {f[-1]:g} Hz" for f in lines],
+        "Noise, median (%)": [number(100 * _relative_noise(body), 2) for _, body in bodies],
+        "Reciprocity": ["–" if body.discrepancy is None else number(body.discrepancy) for _, body in bodies],
+    }
+    table = Table.of("Measured bodies", columns, align="llrrr", note=note)
     files = tuple((foreign(name), *_file_row(file)) for name, body in bodies for file in body.files)
     listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
     return ReportSection("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
 
 
-def _body_row(name: str, body: MeasuredBody) -> tuple[str, ...]:
+def _relative_noise(body: MeasuredBody) -> float:
+    """Standard deviation of the receptances over their size, the median over lines and pairs."""
     a, b = np.triu_indices(len(body.dofs))
     size = np.abs(body.receptance[:, a, b])
     sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
-    relative = float(np.median(sd[size > 0] / size[size > 0]))
-    f = body.frequency_hz
-    return (
-        foreign(name),
-        foreign(", ".join(body.dofs)),
-        f"{f.size}, {f[0]:g} to {f[-1]:g} Hz",
-        number(100 * relative, 2),
-        "–" if body.discrepancy is None else number(body.discrepancy),
-    )
+    return float(np.median(sd[size > 0] / size[size > 0]))

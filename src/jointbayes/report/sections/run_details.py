@@ -61,10 +61,16 @@ def _iteration_blocks(
             "iteration-stiffness",
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
             f"History of {named} over the iteration steps with the published values.",
-            drawing.histories(
+            drawing.in_rows(
+                drawing.draw_histories,
                 [f"{q.name} ({q.unit})" for q in iterated],
                 history.stiffness_history[:, history.iterated],
                 None if published is None else published[list(history.iterated)],
+                count=len(iterated),
+                height=2.5,
+                left=0.45,
+                top=0.3,
+                apart=(0.75, 0.45),
             ),
         ),
     ]

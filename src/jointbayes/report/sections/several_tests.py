@@ -17,21 +17,20 @@ def overview_section(inputs: ReportInputs) -> ReportSection | None:
     """A row for each test: its data, and whether the model explains them; None of a lone test."""
     if len(inputs.tests) == 1:
         return None
-    rows = []
-    for test in inputs.tests:
-        fit, check = test.summary.fit, test.summary.check
-        data = test.problem.test.data.in_short(foreign)
-        data += "" if test.problem.test.joints.size else "; nothing joined"
-        row = [foreign(test.problem.test.name), data, str(fit.n_data), number(math.sqrt(fit.chi2_per_line))]
-        row.append("yes" if check.explains else "no")
-        rows.append(tuple(row))
-    head = ("Test", "Data", "Values", "Residuals over noise", "Explained")
+    of = [(test.problem.test, test.summary) for test in inputs.tests]
+    columns = {
+        "Test": [foreign(test.name) for test, _ in of],
+        "Data": [f"{t.data.in_short(foreign)}{'' if t.joints.size else '; nothing joined'}" for t, _ in of],
+        "Values": [str(summary.fit.n_data) for _, summary in of],
+        "Residuals over noise": [number(math.sqrt(summary.fit.chi2_per_line)) for _, summary in of],
+        "Explained": ["yes" if summary.check.explains else "no" for _, summary in of],
+    }
     note = (
         "Residuals over noise: of the best fit to all tests, about 1 expected. Explained: whether the model explains "
         "its data. A quantity whose name begins with a test's is its own; all others are one for all."
     )
-    kinds = tuple("" if test.summary.check.explains else "bad" for test in inputs.tests)
-    table = Table("Tests", head, tuple(rows), note=note, row_kinds=kinds)
+    kinds = tuple("" if explained == "yes" else "bad" for explained in columns["Explained"])
+    table = Table.of("Tests", columns, note=note, row_kinds=kinds)
     return ReportSection("tests", "Tests", (table, *ratios_of_tests(inputs.posterior)))
 
 
