@@ -27,7 +27,7 @@ ROOMS = {
     "studies": (1700, 1740),
     "case": (4000, 4947),
     "report": (2900, 3584),
-    "cli and what stands alone": (1400, 1875),
+    "cli and what stands alone": (1400, 1860),
 }
 
 

@@ -31,6 +31,9 @@ _POINTS = 3000
 #: Curves that one figure can tell apart by colour.
 MOST_CURVES = len(SERIES_COLOURS)
 _COLUMNS = 4  # of panels that are alike
+#: Rows of panels: profile likelihoods, and the paper's Fig. 8.
+PROFILES: dict[str, Any] = {"height": 2.4, "apart": (0.5, 0.1), "sharey": True}
+HISTORIES: dict[str, Any] = {"height": 2.5, "left": 0.45, "top": 0.3, "apart": (0.75, 0.45)}
 
 
 def draw_frf(axes: Axes, plot: FrfPlot, *, phase: bool = False) -> None:
@@ -331,11 +334,11 @@ def draw_alone(
 def in_rows(
     draw: Callable[..., None],
     *values: Any,  # noqa: ANN401 (those of `draw`)
-    count: int,
     height: float,
     **layout: Any,  # noqa: ANN401 (that of `panels`)
 ) -> str:
-    """SVG text of what is drawn onto so many axes, shape (count,), four to a row of this height in inches."""
+    """SVG text of what is drawn onto axes for each of the first values, four to a row of this height in inches."""
+    count = len(values[0])
     rows = -(-count // _COLUMNS)
 
     def onto(grid: AxesArray) -> None:

@@ -181,7 +181,9 @@ def _nastran(elements: Sequence[JointElement], number: int) -> list[str]:
         far = [node for node in element.nodes if node != near]
         lines.append(f"CBUSH   {number:8d}{number:8d}{near:8d}{far[0] if far else '':>8}{'':24}{0:8d}")
         stiffness = {pair[0][1]: f"{k:.9E}" for k, pair in element.springs}
-        lines += _large("PBUSH", number, "K", *(stiffness.get(direction, "") for direction in range(1, 7)))
+        fields = (number, "K", *(stiffness.get(direction, "") for direction in range(1, 7)))  # 16 wide, four on a line
+        for name, four in (("PBUSH*", fields[:4]), ("*", fields[4:])):
+            lines.append(f"{name:<8}" + "".join(f"{value:>16}" for value in four))
         number += 1
     coupled = [element for element in elements if not element.springs]
     if coupled:
@@ -193,12 +195,6 @@ def _nastran(elements: Sequence[JointElement], number: int) -> list[str]:
                 column = node, j
             lines.append(f"*       {row:16d}{i:16d}{k:16.9E}".replace("E", "D"))
     return lines
-
-
-def _large(name: str, *fields: object) -> list[str]:
-    """A card of fields 16 wide, four on a line."""
-    rows = (fields[i : i + 4] for i in range(0, len(fields), 4))
-    return [f"{f'{name}*' if n == 0 else '*':<8}" + "".join(f"{v:>16}" for v in row) for n, row in enumerate(rows)]
 
 
 def _spring_elements(element: JointElement, number: int) -> list[str]:

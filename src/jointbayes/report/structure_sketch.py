@@ -103,18 +103,16 @@ def _drawing(problem: Problem) -> _Drawing | None:
     low, high = every.min(axis=0), every.max(axis=0)
     size, half = float((high - low).max()), (high - low) / 2
     if places.to_scale:  # ground is away from what it holds
-        marks = [replace(m, ground=(_outwards((m.place - low) / half - 1),)) if m.ground else m for m in marks]
+        for i, mark in enumerate(marks):
+            if mark.ground:  # along an axis of the paper, away from the middle, of a corner downwards
+                away = (mark.place - low) / half - 1
+                axis = int(abs(away[1]) >= min(abs(away[0]), 0.9))
+                marks[i] = replace(mark, ground=(np.eye(2)[axis] * (np.sign(away[axis]) or 1.0),))
     sides = 0.14 if len(outlines) == 1 else 0.26  # beside a frame there is room for names
     low, high = low - np.array([sides, 0.2]) * size, high + np.array([sides, 0.12]) * size
     height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
     high[1] += (high - low)[1] * _LABEL / height
     return _Drawing(problem.test.name, outlines, marks, low, high, height, places.to_scale)
-
-
-def _outwards(away: Array) -> Array:
-    """The axis of the paper that leads away from the middle, of a corner downwards; of a place within -1 and 1."""
-    axis = int(abs(away[1]) >= min(abs(away[0]), 0.9))
-    return np.eye(2)[axis] * (np.sign(away[axis]) or 1.0)
 
 
 def _draw_test(axes: Axes, drawing: _Drawing) -> None:
@@ -130,7 +128,12 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
     for mark in drawing.marks:
         _draw_mark(axes, mark, 0.08 * size)
     if drawing.to_scale:
-        _draw_scale(axes, drawing.low, size)
+        # a bar of a round length, about a fifth of the structure's
+        power = 10.0 ** np.floor(np.log10(size / 5))
+        length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
+        x, y = drawing.low + 0.02 * size
+        axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
+        axes.annotate(f"{1e3 * length:g} mm", (x + length / 2, y), xytext=(0, 9), **_style(_GREY))
     _keep_apart(axes)
 
 
@@ -190,15 +193,6 @@ def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
     if abs(along[0]) > abs(along[1]):
         style["ha"] = "left" if along[0] > 0 else "right"
     axes.annotate(mark.text, outer, xytext=(5 * along[0], 10 * along[1]), **style)
-
-
-def _draw_scale(axes: Axes, low: Array, size: float) -> None:
-    """A bar of a round length, about a fifth of the structure's."""
-    power = 10.0 ** np.floor(np.log10(size / 5))
-    length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
-    start = low + 0.02 * size
-    axes.plot([start[0], start[0] + length], [start[1]] * 2, color=_GREY, lw=2, solid_capstyle="butt")
-    axes.annotate(f"{1e3 * length:g} mm", (start[0] + length / 2, start[1]), xytext=(0, 9), **_style(_GREY))
 
 
 def _style(colour: str) -> dict[str, Any]:
@@ -301,14 +295,10 @@ def _stretches(body: FrameBody, member: Member) -> Iterator[Array]:
     """Each stretch of a member with its section's height, as it is seen."""
     for start, end in pairwise(body.stations(member)):
         up = member.axes(np.subtract(end.place, start.place))[1]
-        first, last = (_height_at(member, station.share) / 2 * up for station in (start, end))
+        heights = [_height(section) for section in (member.section, member.end_section or member.section)]
+        first, last = (np.interp(station.share, (0.0, 1.0), heights) / 2 * up for station in (start, end))
         at_start, at_end = np.array(start.place), np.array(end.place)
         yield np.array([at_start - first, at_end - last, at_end + last, at_start + first]) @ _OBLIQUE
-
-
-def _height_at(member: Member, share: float) -> float:
-    first = _height(member.section)
-    return first if member.end_section is None else (1 - share) * first + share * _height(member.end_section)
 
 
 def _height(section: Section) -> float:
@@ -328,56 +318,47 @@ def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> 
     names
         Each mode in words, from the lowest.
     """
-    recipe = getattr(problem.test.structures, "recipe", None)
-    if isinstance(recipe, ImportedRecipe):
-        return _of_outline(problem, estimate, names, recipe)
-    test, stretches = problem.test, [ends for along in _members(problem) for ends in pairwise(along)]
-    if not stretches or not names or test.most_modes < len(names):
+    test, recipe = problem.test, getattr(problem.test.structures, "recipe", None)
+    if not names or test.most_modes < len(names):
         return None
-    body, there = test.structures, set(test.structures.labels)
-    motions = {point: np.zeros((len(names), 6)) for ends in stretches for point, *_ in ends}
-    dofs = [dof for point in motions for direction in _DIRECTIONS if (dof := f"{point}:{direction}") in there]
-    # at the nominal quantities, which change shapes hardly: what is uncertain takes a table of modes
-    certain = body.at((*dofs, *test.joints.labels), body.reach_hz(len(names))).certain()
     matrices = problem.prior.matrix(estimate.theta[None])
-    shapes = AssembledShapes(certain, test.joints, len(names), dofs).modes(matrices).shapes[0]
-    for dof, motion in zip(dofs, shapes.T, strict=True):
-        point, _, direction = dof.rpartition(":")
-        motions[point][:, _DIRECTIONS.index(direction)] = motion
-    s = np.linspace(0.0, 1.0, max(2, min(_ON_A_STRETCH, _POINTS // len(stretches))))
-    # cubics of value and slope at either end
-    cubics = np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2])
-    places, moved = [], []
-    for ends in stretches:
-        (_, start, _), (_, end, _) = ends
-        values = []
-        for point, _, offset in ends:
-            shift, turn = motions[point][:, :3], motions[point][:, 3:]
-            # an end moves as a rigid body with its point; a cross-section stays across the line, v' = θ × e
-            values += [shift + np.cross(turn, offset), np.cross(turn, end - start)]
-        places.append(start + s[:, None] * (end - start))
-        moved.append(np.einsum("kp,kmd->mpd", cubics, np.array(values)))
-    points, swings = np.array(places) @ _OBLIQUE, np.stack(moved, axis=1) @ _OBLIQUE
-    return _drawn(points, names, swings)
-
-
-def _of_outline(
-    problem: Problem, estimate: MapEstimate, names: Sequence[str], recipe: ImportedRecipe
-) -> Wireframe | None:
-    """The same of an imported model: its surface, each edge a straight line."""
-    test = problem.test
-    if recipe.outline is None or not names or test.most_modes < len(names):
-        return None
-    body, lines = recipe.drawn(), recipe.outline.lines
-    dofs = [label for label in body.labels if label.startswith("~")]
-    matrices = problem.prior.matrix(estimate.theta[None])
-    shapes = AssembledShapes(body, test.joints, len(names), dofs).modes(matrices).shapes[0]
-    moved = shapes.reshape(len(names), -1, 3)[:, lines]
-    return _drawn(recipe.outline.places[lines] @ _OBLIQUE, names, moved @ _OBLIQUE)
-
-
-def _drawn(points: Array, names: Sequence[str], swings: Array) -> Wireframe:
-    """Lines (lines, points, 2) and how they move in each mode, so far that it is seen."""
+    if isinstance(recipe, ImportedRecipe):  # its surface, each edge a straight line
+        if recipe.outline is None:
+            return None
+        outlined, lines = recipe.drawn(), recipe.outline.lines
+        dofs = [label for label in outlined.labels if label.startswith("~")]
+        shapes = AssembledShapes(outlined, test.joints, len(names), dofs).modes(matrices).shapes[0]
+        points, swings = recipe.outline.places[lines], shapes.reshape(len(names), -1, 3)[:, lines]
+    else:
+        stretches = [ends for along in _members(problem) for ends in pairwise(along)]
+        if not stretches:
+            return None
+        # 1. How each point of the structure moves, at the nominal quantities, which change shapes hardly: what is
+        #    uncertain takes a table of modes.
+        body, there = test.structures, set(test.structures.labels)
+        motions = {point: np.zeros((len(names), 6)) for ends in stretches for point, *_ in ends}
+        dofs = [dof for point in motions for direction in _DIRECTIONS if (dof := f"{point}:{direction}") in there]
+        certain = body.at((*dofs, *test.joints.labels), body.reach_hz(len(names))).certain()
+        shapes = AssembledShapes(certain, test.joints, len(names), dofs).modes(matrices).shapes[0]
+        for dof, motion in zip(dofs, shapes.T, strict=True):
+            point, _, direction = dof.rpartition(":")
+            motions[point][:, _DIRECTIONS.index(direction)] = motion
+        # 2. Each stretch bends as a cubic of value and slope at either end.
+        s = np.linspace(0.0, 1.0, max(2, min(_ON_A_STRETCH, _POINTS // len(stretches))))
+        cubics = np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2])
+        places, moved = [], []
+        for ends in stretches:
+            (_, start, _), (_, end, _) = ends
+            values = []
+            for point, _, offset in ends:
+                shift, turn = motions[point][:, :3], motions[point][:, 3:]
+                # an end moves as a rigid body with its point; a cross-section stays across the line, v' = θ × e
+                values += [shift + np.cross(turn, offset), np.cross(turn, end - start)]
+            places.append(start + s[:, None] * (end - start))
+            moved.append(np.einsum("kp,kmd->mpd", cubics, np.array(values)))
+        points, swings = np.array(places), np.stack(moved, axis=1)
+    # 3. Swings so far that they are seen.
+    points, swings = points @ _OBLIQUE, swings @ _OBLIQUE
     largest = np.linalg.norm(swings, axis=3, keepdims=True).max(axis=(1, 2), keepdims=True)
     swings = swings * (_SWING * np.ptp(points, axis=(0, 1)).max() / np.maximum(largest, np.finfo(float).tiny))
     return Wireframe(points, tuple(names), swings)

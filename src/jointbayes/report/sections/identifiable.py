@@ -170,14 +170,7 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
             "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
             "dashed, the limit at 95 %.",
             f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            drawing.in_rows(
-                drawing.draw_profiles,
-                [profile.on_axis for profile in knowledge.profiles],
-                count=len(knowledge.profiles),
-                height=2.4,
-                apart=(0.5, 0.1),
-                sharey=True,
-            ),
+            drawing.in_rows(drawing.draw_profiles, [p.on_axis for p in knowledge.profiles], **drawing.PROFILES),
         ),
     )
     return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

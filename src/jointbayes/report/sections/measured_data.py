@@ -59,12 +59,12 @@ def measurement_section(inputs: TestInputs) -> ReportSection | None:
     blocks: list[Block] = [Callout("caution", f"**Check {foreign(at)}.** {foreign(what)}") for at, what in said]
     blocks.append(Paragraph(text))
     blocks.append(Table("Measurement files", ("File", "Bytes", "SHA-256"), tuple(map(_file_row, p.files))))
-    shown, more = p.channels[:_MOST_CHANNELS], ""
+    more, shown = "", p.channels[:_MOST_CHANNELS]
     if len(p.channels) > _MOST_CHANNELS:
         more = f"The first {_MOST_CHANNELS} of {len(p.channels)}; summary.json has all."
     columns = {
         "Channel": [f"`{foreign(c.channel)}`{' (other direction)' if c.reversed_direction else ''}" for c in shown],
-        "Used as": [c.role for c in shown],
+        "Used as": [str(c.role) for c in shown],
         "DOF": [foreign(c.dof) for c in shown],
         "Factor": [number(c.factor, 6) for c in shown],
         "Mass taken out (g)": [number(1e3 * c.accelerometer_mass) if c.accelerometer_mass else "–" for c in shown],
@@ -72,9 +72,9 @@ def measurement_section(inputs: TestInputs) -> ReportSection | None:
     blocks.append(Table.of("Channels", columns, align="lllrr", note=more))
     blocks += [Paragraph(foreign(text)) for text in p.notes]
     if p.left_out:
-        shown = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
+        labels = ", ".join(f"`{foreign(label)}`" for label in p.left_out[:40])
         more = f" and {len(p.left_out) - 40} more" if len(p.left_out) > 40 else ""
-        blocks.append(Paragraph(f"Channels left out, because the case does not map them: {shown}{more}."))
+        blocks.append(Paragraph(f"Channels left out, because the case does not map them: {labels}{more}."))
     return ReportSection("measurement", "Measurement", tuple(blocks))
 
 

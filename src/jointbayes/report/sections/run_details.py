@@ -46,6 +46,8 @@ def _iteration_blocks(
     name = "**The paper's iteration (Eqs. 3–9)**"
     text = f"{' '.join(filter(None, (name, foreign(history.on_test), history.reason)))}. "
     text += f"Step 5 differs from the last step by: {foreign(settled)}."
+    at, titles = list(history.iterated), [f"{q.name} ({q.unit})" for q in iterated]
+    printed = None if published is None else published[at]
     named = listed_names([q.name for q in iterated])
     if len(iterated) < len(quantities):
         text += " Quantities that do not act in that test stay at the first guess."
@@ -62,15 +64,7 @@ def _iteration_blocks(
             "Stiffnesses over the iteration, as in the paper's Fig. 8.",
             f"History of {named} over the iteration steps with the published values.",
             drawing.in_rows(
-                drawing.draw_histories,
-                [f"{q.name} ({q.unit})" for q in iterated],
-                history.stiffness_history[:, history.iterated],
-                None if published is None else published[list(history.iterated)],
-                count=len(iterated),
-                height=2.5,
-                left=0.45,
-                top=0.3,
-                apart=(0.75, 0.45),
+                drawing.draw_histories, titles, history.stiffness_history[:, at], printed, **drawing.HISTORIES
             ),
         ),
     ]

@@ -12,6 +12,7 @@ from jointbayes.report.markup import foreign
 from jointbayes.report.model import Kind, Light, Lights
 from jointbayes.rounding import number, sentence_start, told_apart
 
+_LONGEST = 180  # characters of a doubt
 #: What may be found of calculation, model and data, and the colour of the light then.
 FINDINGS: dict[str, tuple[str, Kind]] = {
     "not settled": ("Calculation", "bad"), "best fit missed": ("Calculation", "bad"),
@@ -105,12 +106,9 @@ def _data(inputs: ReportInputs) -> tuple[str, str]:
     doubts += [f"Check {warning}" for warning in summary.warnings]
     if doubts:
         more = f" And {len(doubts) - 1} more, see below." if len(doubts) > 1 else ""
-        return "doubts", f"{foreign(_short(doubts[0]))}{more}"
+        first = doubts[0].rstrip(".")  # to its full stop, or as far as there is room
+        first = f"{first}." if len(first) < _LONGEST else f"{first[: _LONGEST - 1].rstrip(' .,')} …"
+        return "doubts", f"{foreign(first)}{more}"
     if inputs.computed:
         return "computed", f"Computed from {inputs.computed}, not measured."
     return "measured", f"{summary.fit.n_data} measured values; nothing in them looks doubtful."
-
-
-def _short(text: str, most: int = 180) -> str:
-    """A sentence to its full stop, or as far as there is room."""
-    return f"{text.rstrip('.')}." if len(text) <= most else f"{text[: most - 1].rstrip(' .,')} …"
