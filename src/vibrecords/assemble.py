@@ -37,6 +37,7 @@ from vibrecords.rotations import joint_frf_set, replace_stations
 from vibrecords.signals.impact import frfs_of_hits, line_step_of, settings_of, without_window
 from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.variance import RelativeNoise, coherence_variance
+from vibrecords.virtual_points import at_virtual_points
 from vibrecords.warnings.collector import find_warnings
 
 #: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
@@ -236,10 +237,12 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
         measured = remove_accelerometers(measured, masses, roving=plan.roving)
         each = ", ".join(f"{1e3 * mass:g} g at {dof}" for dof, mass in masses.items())
         notes.append(f"The mass of the accelerometers was taken out of the FRFs: {each}.")
+    measured, loose, of_points = at_virtual_points(measured, plan.virtual_points)
+    notes += of_points
     modes, without_modes = _modes(measured, plan)
     frf = measured.frf
     about = (frf.quantity, frf.n_lines, measured.band_hz, frf.averages, mapped.uses, mapped.left_out, words)
-    doubts, loaded = (*contradicted, *_warnings(cut, plan)), tuple(o for o in frf.outputs if ":r" not in o)
+    doubts, loaded = (*contradicted, *_warnings(cut, plan), *loose), tuple(o for o in frf.outputs if ":r" not in o)
     noted, freedom = (*notes, *without_modes), measured.variance_dof
     provenance = Provenance(tuple(files), *about, noted, doubts, modes, loaded, variance_dof=freedom)
     if plan.frequencies is not None:

@@ -14,6 +14,7 @@ from vibrecords.records import CoherenceRecord, FrfRecord, Record, SpectrumRecor
 from vibrecords.rotations import Rotation
 from vibrecords.signals.spectra import ImpactSettings, ShakerSettings
 from vibrecords.variance import RelativeNoise
+from vibrecords.virtual_points import VirtualPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +266,8 @@ class MeasurementPlan:
         DOFs of the joint on both of its sides, at which the paper's iteration needs FRFs.
     frequencies
         Set where natural frequencies are the data.
+    virtual_points
+        Points of rigid faces, whose DOFs take the place of the sensors and hits on them.
     layout
         What the variables of the files stand for, as `vibrecords.formats.iter_records` takes it.
     """
@@ -286,4 +289,5 @@ class MeasurementPlan:
     conjugate: bool = False
     window_tau_s: float | None = None
     free_gain: bool = False
+    virtual_points: tuple[VirtualPoint, ...] = ()
     layout: Mapping[str, str] = field(default_factory=dict)

@@ -118,6 +118,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         exclude_hz=data.exclude_hz,
         conjugate=data.conjugate,
         window_tau_s=data.exponential_tau_s,
+        virtual_points=data.points,
         layout=data.layout.model_dump(exclude_none=True) if data.layout else {},
     )
 

@@ -183,8 +183,6 @@ def _hopeless(errors: Sequence[float]) -> bool:
 #: Powers in which quantities change a shape number.
 Powers = Mapping[str, float]
 
-#: Of more modes than these no table is accurate enough: rounding in the highest is all that is left.
-_MOST_TABULATED = 60
 #: Where no table is accurate enough for the modes that are wanted, those up to so many times the frequency are tried.
 _FURTHER = 2.5
 
@@ -215,9 +213,6 @@ def modes_over_shape(
     else:
         # of a stubby body the vectors that stand for the modes above avoid each other there, and further up they do not
         reductions = [Reduction.below(hz, nominal, motions, forced) for hz in (reach_hz, _FURTHER * reach_hz)]
-        if ends and reductions[0].kept > _MOST_TABULATED:
-            return SolvedModes(structure_at, reductions[0])
-        reductions = [wider for wider in reductions if wider is reductions[0] or wider.kept <= _MOST_TABULATED]
     for reduction in reductions:
         # the last terms are the least smooth over the ranges, and the least needed
         for terms in (reduction.terms, reduction.terms - 1):

@@ -6,10 +6,11 @@ of a file stand for, and modes. A body that is given by its FRFs, `[bodies.NAME]
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -35,12 +36,15 @@ from jointbayes.case.spec.fields import (
     Positive,
     Ratios,
     Spec,
+    Vector,
     band_lines,
     count_field,
+    distinct,
     even,
     key_field,
     law_findings,
     max_length,
+    metres,
     not_above,
     not_negative,
     positive,
@@ -55,6 +59,7 @@ if TYPE_CHECKING:
     from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, NoiseLaw, Observed
     from vibrecords.measurement_plan import Channel, VarianceSource
     from vibrecords.rotations import Rotation
+    from vibrecords.virtual_points import VirtualPoint
 
 
 _VARIABLE = 'the variable of the file that holds {}, as "H", "run.H", "run(2).H" or, of a matrix, "data(:,2)"'
@@ -230,6 +235,46 @@ class RecordsSpec(Spec):
             yield Finding(("block_s",), missing=True)
 
 
+_PLACE = key_field("the place of the point in mm, [x, y, z]", [383.0, 0.0, 0.0])
+_SENSORS_MM = key_field(
+    'the place in mm of each sensor or hit, by what stands before the colon of the DOFs of its channels',
+    {"101": [383.0, 20.0, 0.0]}, min_length=1,
+)  # fmt: skip
+_DIRECTIONS = key_field(
+    "the direction of a channel's DOF, where it is not along the axis of its label", {"101:y": [0.0, 0.8, 0.6]}
+)
+_POINT_DOFS = key_field("those of the point's six DOFs that are wanted", ["y", "rz"])
+_SIX = ("x", "y", "z", "rx", "ry", "rz")
+
+
+class VirtualPointSpec(Spec):
+    """A point of a rigid face, whose DOFs follow from the sensors on the face."""
+
+    place_mm: Annotated[Vector, _PLACE]
+    sensors_mm: Annotated[dict[str, Vector], max_length(MOST_LABELS), _SENSORS_MM]
+    directions: Annotated[dict[Label, Vector], max_length(MOST_LABELS), _DIRECTIONS] = {}  # noqa: RUF012 (frozen model)
+    dofs: Annotated[
+        ListOf[Literal["x", "y", "z", "rx", "ry", "rz"]], Field(min_length=1), AfterValidator(distinct), _POINT_DOFS
+    ] = _SIX
+
+    def point(self, name: str, channels: Iterable[str]) -> VirtualPoint:
+        """The point of this name, with the sensors on its face among the DOFs of channels."""
+        from vibrecords.virtual_points import VirtualPoint
+
+        sensors = {}
+        for label in channels:
+            sensor, _, axis = label.rpartition(":")
+            if sensor in self.sensors_mm:
+                along = tuple(float(axis == other) for other in "xyz")
+                sensors[label] = metres(self.sensors_mm[sensor]), self.directions.get(label, along)
+        return VirtualPoint(name, self.dofs, metres(self.place_mm), sensors)
+
+    def _findings(self) -> Iterator[Finding]:
+        for label, direction in self.directions.items():
+            if not any(direction):
+                yield Finding(("directions", label), "found a direction of no length", "another", "correct it")
+
+
 _RECORDS = Field(description="how FRFs are made from time histories: method")
 _LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
@@ -250,6 +295,9 @@ _TAU = Field(
     examples=[0.25],
 )
 _VARIANCE = Field(description="the variance of the FRFs: source")
+_VIRTUAL_POINTS = key_field(
+    "a table for each point of a rigid face whose DOFs follow from sensors, as [data.virtual_points.11]", {}
+)
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
@@ -273,11 +321,28 @@ class MeasuredSpec(DataTable):
     layout: Annotated[LayoutSpec | None, _LAYOUT] = None
     records: Annotated[RecordsSpec | None, _RECORDS] = None
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
+    virtual_points: Annotated[dict[str, VirtualPointSpec], _VIRTUAL_POINTS] = {}  # noqa: RUF012 (frozen model)
 
     @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
-        """DOFs of the channels."""
-        return {("data", "channels", name): (channel.label,) for name, channel in self.channels.items()}
+        """DOFs of the channels, and of virtual points in place of those of their sensors."""
+        sensors = {sensor for point in self.virtual_points.values() for sensor in point.sensors_mm}
+        labels = {name: channel.label for name, channel in self.channels.items()}
+        of_channels: dict[KeyPath, tuple[str, ...]] = {
+            ("data", "channels", name): (label,)
+            for name, label in labels.items()
+            if label.rpartition(":")[0] not in sensors
+        }
+        return of_channels | {
+            ("data", "virtual_points", name, "dofs"): tuple(f"{name}:{dof}" for dof in point.dofs)
+            for name, point in self.virtual_points.items()
+        }
+
+    @property
+    def points(self) -> tuple[VirtualPoint, ...]:
+        """The virtual points."""
+        labels = [channel.label for channel in self.channels.values()]
+        return tuple(point.point(name, labels) for name, point in self.virtual_points.items())
 
     def try_objects(self) -> None:
         """Its rotations, which know no distance of their stations yet."""
@@ -295,6 +360,14 @@ class MeasuredSpec(DataTable):
             if high <= low:
                 fault = f"found the band from {low!r} to {high!r} Hz"
                 yield Finding(("exclude_hz", i), fault, "the lower frequency first", "correct one of the two")
+        labels = [channel.label for channel in self.channels.values()]
+        for name, point in self.virtual_points.items():
+            for sensor in point.sensors_mm:
+                turns = [label for label in labels if label.startswith(f"{sensor}:r")]
+                if turns or not any(label.rpartition(":")[0] == sensor for label in labels):
+                    fault = f"found a channel for {turns[0]}" if turns else f"found no channel for {sensor}"
+                    place = ("virtual_points", name, "sensors_mm", sensor)
+                    yield Finding(place, fault, "channels that are translations of it", "correct [data.channels]")
         if self.conjugate and self.records is not None:
             fault = "found true with time histories, of which the FRFs are made here"
             yield Finding(("conjugate",), fault, "it for FRFs of a file", "remove it")
@@ -372,11 +445,11 @@ class MeasuredBodySpec(MeasuredSpec):
     @property
     def labels(self) -> tuple[str, ...]:
         """DOFs that the body has: those of its channels, and its rotations."""
-        return tuple(dict.fromkeys((*(channel.label for channel in self.channels.values()), *self.rotations)))
+        return tuple(dict.fromkeys((*itertools.chain.from_iterable(self.labelled.values()), *self.rotations)))
 
     def _findings(self) -> Iterator[Finding]:
         yield from super()._findings()
-        measured = {channel.label for channel in self.channels.values()}
+        measured = set(itertools.chain.from_iterable(self.labelled.values()))
         for label, rotation in self.rotations.items():
             if rotation.spacing_mm is None:
                 yield Finding(("rotations", label, "spacing_mm"), missing=True)

@@ -213,7 +213,7 @@ TABLE = (
     Limits("accelerometer_mass_g added_mass_g", 1e-12, 1e9),
     Limits("mass_kg masses_kg", 1e-12, 1e9),
     Limits("inertia_kg_m2", 1e-30, 1e9),
-    Limits("points offsets_mm offset_mm box_mm at_mm", 1e-30, 1e9),
+    Limits("points offsets_mm offset_mm box_mm at_mm place_mm sensors_mm directions", 1e-30, 1e9),
     Limits("node nodes", 1.0, 1e9),
     Limits("up", 1e-30, 1e30),
     Limits("stiffness_n_per_m damping_n_s_per_m", 1e-12, 1e15),
