@@ -69,6 +69,7 @@ AROUND = {
     "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
     "measured-2": FRF,
     "measured-3": FRF,
+    "measured-4": FRF,
     "modes-2": MODES,
     "predict-2": '[predict]\noutputs = ["11:y"]\ninputs = ["11:y"]\nf_min_hz = 10\nf_max_hz = 900\nf_step_hz = 1\n',
     "what-can-be-wrong-1": MODES,

@@ -127,7 +127,7 @@ MEASURED = [
 SPINDLE = [
     BARE.replace("initial", 'against = ["s:y", "s:rz"]\ninitial') + read("8:y")
     + '[bodies.spindle]\nkind = "measured"\nfile = ["spindle.uff"]\n'
-    + files.replace("8:y", "s:y").replace("7:", "r:") + PARTS["rotation of the spindle"]
+    + files.replace("8:y", "s:y").replace("7:", "r:").replace('"6"', "p") + PARTS["rotation of the spindle"]
     for files in FILES
 ]  # fmt: skip
 SYNTHETIC = [
