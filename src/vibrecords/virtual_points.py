@@ -106,8 +106,9 @@ def at_virtual_points(
             if not rows and side == "inputs":  # the face itself was not hit
                 continue
             made, own = tuple(f"{point.name}:{dof}" for dof in point.dofs), [labels[i] for i in rows]
-            found = "found no FRF of its sensors" if not rows else f"found {(*set(made) & set(labels), '')[0]} measured"
-            if not rows or set(made) & set(labels):
+            twice = [dof for dof in made if dof in labels]
+            if twice or not rows:
+                found = f"found {twice[0]} measured" if twice else "found no FRF of its sensors"
                 key, expected = ("virtual_points", point.name), "it from the sensors of the face alone"
                 raise MeasurementError.of("virtual point", key, found, expected, "correct [data.channels]")
             # 1. the DOFs in place of the sensors, all else as it is
@@ -117,10 +118,10 @@ def at_virtual_points(
             u, noise = values[..., rows], variance[..., rows]
             joined = np.concatenate([values[..., kept], u @ weights.T], axis=-1)
             spread = np.concatenate([variance[..., kept], noise @ (weights**2).T], axis=-1)
-            moved = {"values": np.moveaxis(joined, -1, axis), side: (*(labels[i] for i in kept), *made)}
-            measured = replace(
-                measured, frf=replace(frf, **moved, coherence=None), variance=np.moveaxis(spread, -1, axis)
-            )
+            now = (*(labels[i] for i in kept), *made)
+            outputs, inputs = (now, frf.inputs) if axis == 1 else (frf.outputs, now)
+            moved = replace(frf, values=np.moveaxis(joined, -1, axis), outputs=outputs, inputs=inputs, coherence=None)
+            measured = replace(measured, frf=moved, variance=np.moveaxis(spread, -1, axis))
             # 2. what is left over of the motion of the sensors, on each line
             left = np.eye(len(own)) - explained
             where = f"virtual point {point.name}"
@@ -145,10 +146,8 @@ def at_virtual_points(
                 f"{large.size} lines, from {frf.frequency_hz[large][0]:.6g} Hz; without {own[worst]} least is left"
                 + (", which points the other way" if turned else "")
             )
-            remedy = (
-                f'write "-{own[worst]}" for its channel'
-                if turned
-                else (f"correct place and direction of {own[worst]}, or lower f_max_hz: the face bends")
-            )
+            remedy = f"correct place and direction of {own[worst]}, or lower f_max_hz: the face bends"
+            if turned:
+                remedy = f"turn the sign of {own[worst]} in [data.channels]"
             warnings.append(MeasurementWarning("virtual_point", found, remedy, where))
     return measured, tuple(warnings), tuple(notes)

@@ -8,6 +8,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.structure import Rayleigh
+from jointbayes.structure.shape_modes import ModeTable
 from tests.conftest import STEEL, TABLE_3, pair_matrix
 from tests.structure.dense import natural_hz, worst
 from tests.structure.test_frame_family import BETWEEN, FLAT, LAWS, SPRINGS, two_bodies
@@ -111,6 +112,18 @@ def test_natural_frequencies_are_those_of_a_full_eigensolution_over_eight_decade
         else:
             expected = natural_hz(built, joint, each, 3)
         np.testing.assert_allclose(hz, expected, rtol=1e-8 if name.startswith("bar") else 1e-7)
+
+
+def test_more_than_sixty_modes_are_tabulated_too():
+    ports = jb.Ports(np.arange(20.0, 9000.0, 451.0), ("11:y", "6:y"), ("11:y",))
+    section = jb.Section.rectangle(0.02, 0.002)
+    family, joint, *_ = beam({"length": 0.01}, ports=ports, section=section, length=0.9)
+    dofs = (*joint.dofs, *ports.outputs)
+    placed = family.at(dofs, ports.frequency_hz[-1])
+    modes = placed.free_modes(placed.index(dofs), np.eye(4)).bodies[0].modes
+    assert isinstance(modes, ModeTable)
+    assert modes(np.zeros((1, 1)))[0].shape[1] > 60
+    assert worst(family, joint, PAIR, ports, draws({"length": 0.01}, 2), ports.frequency_hz[-1]) < 1e-6
 
 
 @pytest.mark.parametrize("name", ["modal damping", "an offset of all lengths", "bar, its length"])

@@ -97,7 +97,7 @@ def test_noise_is_that_of_the_weighted_sensors():
 def test_a_sensor_that_points_the_other_way_is_named(label):
     _, (warning,), _ = at_virtual_points(measured(change=[(label, -1.0)]), [point()])
     assert f"without {label} least is left, which points the other way" in warning.sentence
-    assert warning.remedy == f'write "-{label}" for its channel'
+    assert warning.remedy == f"turn the sign of {label} in [data.channels]"
     assert "on 40 of 40 lines, from 50 Hz" in warning.sentence
 
 

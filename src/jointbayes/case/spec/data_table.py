@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
@@ -244,7 +244,7 @@ _DIRECTIONS = key_field(
     "the direction of a channel's DOF, where it is not along the axis of its label", {"101:y": [0.0, 0.8, 0.6]}
 )
 _POINT_DOFS = key_field("those of the point's six DOFs that are wanted", ["y", "rz"])
-_SIX = ("x", "y", "z", "rx", "ry", "rz")
+_Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
 
 
 class VirtualPointSpec(Spec):
@@ -253,9 +253,9 @@ class VirtualPointSpec(Spec):
     place_mm: Annotated[Vector, _PLACE]
     sensors_mm: Annotated[dict[str, Vector], max_length(MOST_LABELS), _SENSORS_MM]
     directions: Annotated[dict[Label, Vector], max_length(MOST_LABELS), _DIRECTIONS] = {}  # noqa: RUF012 (frozen model)
-    dofs: Annotated[
-        ListOf[Literal["x", "y", "z", "rx", "ry", "rz"]], Field(min_length=1), AfterValidator(distinct), _POINT_DOFS
-    ] = _SIX
+    dofs: Annotated[ListOf[_Direction], Field(min_length=1), AfterValidator(distinct), _POINT_DOFS] = get_args(
+        _Direction
+    )
 
     def point(self, name: str, channels: Iterable[str]) -> VirtualPoint:
         """The point of this name, with the sensors on its face among the DOFs of channels."""
@@ -265,7 +265,7 @@ class VirtualPointSpec(Spec):
         for label in channels:
             sensor, _, axis = label.rpartition(":")
             if sensor in self.sensors_mm:
-                along = tuple(float(axis == other) for other in "xyz")
+                along = float(axis == "x"), float(axis == "y"), float(axis == "z")
                 sensors[label] = metres(self.sensors_mm[sensor]), self.directions.get(label, along)
         return VirtualPoint(name, self.dofs, metres(self.place_mm), sensors)
 
