@@ -198,23 +198,6 @@ def test_the_cards_are_the_joint_s_matrix(program, name):
 
 
 @pytest.mark.parametrize("program", READERS)
-@pytest.mark.parametrize("fault", ["sign of the coupling", "row and column of another DOF", "nodes exchanged"])
-def test_a_wrong_sign_or_place_is_noticed(program, fault):
-    """The check above would see it: a joint with the fault is not the one that is expected."""
-    joint, expected, k = PAIR, JOINTS["full matrix between two nodes"][2], K3.copy()
-    if fault == "sign of the coupling":
-        k[0, 2] = k[2, 0] = -k[0, 2]
-    elif fault == "row and column of another DOF":
-        k = k[np.ix_([1, 0, 2], [1, 0, 2])]
-    else:
-        joint, expected = OFFSET, JOINTS["springs with offsets"][2]
-        k, joint = np.diag(K3.diagonal()), Joint(OFFSET.against, OFFSET.dofs, "", None, (0.2, 0.1, 0.0), (-0.3, 0, 0))
-    reader, tolerance = READERS[program]
-    with pytest.raises(AssertionError):
-        require_equal(reader(cards(program, joint, k)), expected, tolerance)
-
-
-@pytest.mark.parametrize("program", READERS)
 def test_millimetres_scale_each_kind_of_entry(program):
     joint, matrix, expected = JOINTS["full matrix between two nodes"]
     scale = {0: 1e-3, 1: 1.0, 2: 1e3}  # N/mm, N, N·mm

@@ -83,19 +83,6 @@ def test_the_line_goes_on_to_the_report_even_from_names_with_blanks(config, monk
 
 
 @pytest.mark.whole
-def test_the_draws_are_on_disk_before_anything_is_drawn(config, monkeypatch, frequency_posterior):
-    seen = []
-
-    def look(*_arguments, **_options):
-        seen.append(jb.load_posterior("out.posterior.nc").theta.tobytes())
-        raise RuntimeError
-
-    monkeypatch.setattr("jointbayes.report.run_directory.build_report", look)
-    assert cli("run", config, "--out", "out").exit_code == 2
-    assert seen == [frequency_posterior.theta.tobytes()]
-
-
-@pytest.mark.whole
 @pytest.mark.parametrize(("command", "written"), [("run", "out"), ("sample", "out")])
 def test_an_interrupt_after_the_writing_says_what_was_written(config, monkeypatch, command, written):
     monkeypatch.setattr("jointbayes.cli.common.print_summary", failing(KeyboardInterrupt()))
@@ -143,13 +130,6 @@ def test_an_earlier_run_comes_back_where_the_new_one_cannot_take_its_place(confi
     assert "out: no report: Input/output error; the draws are whole in out.posterior.nc" in result.stderr
     assert content(config.parent / "out") == before
     assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out", "out.posterior.nc"}
-
-
-@pytest.mark.whole
-def test_a_run_that_ends_well_leaves_the_draws_in_its_directory_only(config, frequency_posterior):
-    assert cli("run", config, "--out", "out").exit_code == 0
-    assert {p.name for p in config.parent.iterdir()} == {"clamp.toml", "out"}
-    assert jb.load_posterior("out/posterior.nc").theta.tobytes() == frequency_posterior.theta.tobytes()
 
 
 @pytest.mark.whole

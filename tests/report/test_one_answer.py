@@ -37,13 +37,6 @@ def signed_text():
     return text[:at] + RHO + text[end:]
 
 
-def centre_text():
-    """The joint by its elastic centre, with one prior stated and the defaults of the others."""
-    text = edited(cheap_text(), ('parametrisation = "log"', 'parametrisation = "elastic_centre"'))
-    at, end = text.index("[prior.k12]"), text.index("[data]")
-    return text[:at] + text[end:]
-
-
 def by_modes(cheap_case):
     """Of measured FRFs of a beam half a millimetre longer than the one that is analysed."""
     return jb.sample(of_another_truth(cheap_case, "length_mm = 383.5"), seed=1)
@@ -65,13 +58,11 @@ RUNS = {
     "measured, as they are": lambda get: of_frfs(get("cheap_case")),
     "typed frequencies": lambda get: replace(get("frequency_posterior")),
     "typed modes with shapes": lambda _: of_text("shapes", shipped_text("two_storeys_shape")),
-    "typed, a usual error of the model": lambda _: of_text("rotor", shipped_text("rotor_bearings")),
     "failed check": lambda _: of_text("wrong length", WRONG_LENGTH),
     "signed coupling": lambda _: of_text("signed", signed_text()),
     "several tests": lambda _: made_up("tests", BASE + CLAMP_EDGE + TWO, TABLE_3),
     "measured body": lambda _: made_up("spindle", shipped_text("spindle_measured"), (6e8, 1.2e6, 2e8, 1e5)),
     "free structure": lambda _: made_up("bolts", shipped_text("lapped_beams"), (8e7, 3e8, 1.2e4)),
-    "elastic centre": lambda _: made_up("centre", centre_text(), TABLE_3),
     "its own rule": lambda _: of_text("rule", f"{cheap_text()}[verdict.k22]\nidentified = 1.0001\n"),
     "not settled": lambda get: jb.sample(get("cheap_case"), seed=1, settings=jb.SamplerSettings(max_steps=100)),
     "damped joint": lambda _: made_up("dampers", shipped_text("rotor_dampers"), (1e6, 3e3)),

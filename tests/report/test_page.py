@@ -190,18 +190,6 @@ def test_zoom_and_cursor_go_through_all_panels_and_figures(pages, opened):
         assert figure.get_by_role("button", name="Reset zoom").count() == 0
 
 
-def test_a_coherence_stands_below_its_frf(pages, opened, reports):
-    plot = next(b.plot for b in reports["uncertain"].blocks() if getattr(b, "identifier", "") == "frf-0-0")
-    assert 0 < plot.coherence.min() < plot.coherence.max() <= 1
-    with opened(pages["uncertain"]) as page:
-        figure = drawn(page, "frf-0-0")
-        assert figure.locator(".u-over").count() == 3  # magnitude, misfit and coherence
-        box = figure.locator(".u-over").last.bounding_box()
-        page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 20)
-        page.wait_for_timeout(50)
-        assert re.search(r" · Coherence: 0\.\d+", figure.locator(".hint").inner_text())
-
-
 def test_the_keyboard_moves_the_cursor_and_zooms(pages, opened):
     with opened(pages["main"]) as page:
         figure = drawn(page, "frf-0-0")
@@ -288,15 +276,6 @@ def test_what_is_printed_or_has_no_script_is_the_static_page(pages, opened):
         figure.scroll_into_view_if_needed()
         assert figure.locator("img").bounding_box()["width"] > 300
         assert figure.locator("button").count() == 0
-
-
-def test_figures_wait_for_the_reader(pages, opened):
-    with opened(pages["frame"]) as page:
-        page.wait_for_timeout(300)
-        waiting = page.locator(".paper:has(script.plot):not([data-drawn])").count()
-        assert waiting > 0
-        seen(page)
-        assert page.locator(".paper:has(script.plot):not([data-drawn])").count() == 0
 
 
 def test_dark_is_dark_and_on_a_phone_the_verdict_comes_first(pages, opened):

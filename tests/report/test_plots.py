@@ -1,7 +1,6 @@
 """Figures that a notebook draws: those of the report, onto the axes that are given."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import linalg, stats
 
 import jointbayes as jb
-from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.summary import summaries_of_tests
 from jointbayes.report import drawing, plots
 from jointbayes.report.inputs import TestInputs
@@ -162,32 +160,6 @@ def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, mo
     monkeypatch.setattr("jointbayes.report.plots.frequency_summary", None)
     with pytest.raises(jb.ModelError, match="found no measured frequencies; expected some; draw plot_frf"):
         jb.plot_frequencies(replace(cheap_posterior, case=None))
-
-
-def test_many_panels_stand_in_rows_of_four(cheap_posterior, monkeypatch):
-    profile = SimpleNamespace(on_axis=("k", np.arange(3.0), -np.ones(3)))
-    monkeypatch.setattr(LikelihoodRegion, "profile", lambda *_: profile)
-    pyplot.switch_backend("Agg")
-    try:
-        panels = jb.plot_profiles(cheap_posterior, *"abcdef")
-        figure = panels[0].figure
-        assert len(panels) == len(figure.axes) == 6
-        assert panels[0].get_subplotspec().get_gridspec().get_geometry() == (2, 4)
-        assert figure.get_size_inches()[1] == pytest.approx(2 * 2.4)
-    finally:
-        pyplot.close("all")
-
-
-def test_a_corner_plot_grows_with_its_panels(cheap_posterior, monkeypatch):
-    sides = []
-    monkeypatch.setattr(plots.pyplot, "figure", lambda figsize: sides.append(figsize[0]) or Canvas(figsize=figsize))
-    values = plots.corner_values(cheap_posterior)
-    jb.plot_corner(cheap_posterior)
-    labels, posterior, prior, published, mode = values
-    twice = (labels[:2], posterior[:, :2], prior[:, :2], published if published is None else published[:2], mode[:2])
-    monkeypatch.setattr(plots, "corner_values", lambda _: twice)
-    jb.plot_corner(cheap_posterior)
-    assert sides == pytest.approx([7.2, 5.2])
 
 
 def test_many_curves_are_named_beside_the_axes(cheap_posterior, axes, monkeypatch):
