@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import jointbayes as jb
-from benchmarks.written_files import write_frf
+from benchmarks.exact_beam import ExactBeam, circle
+from benchmarks.written_files import write_frf, write_records
 from jointbayes.case.case_objects import true_stiffness
 from jointbayes.frf import MeasuredBody, Ports, Substructures, receptance_model
 from jointbayes.joint import Joint, Joints
 from jointbayes.structure import FrameRecipe, Structure
 from vibrecords import FrfSet
+from vibrecords.records import FrfRecord
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
@@ -29,6 +31,13 @@ BEARINGS = {"rear:y": 2.5e8, "front:y": 4e8}
 LOSS_FACTOR = 0.05
 #: Of each FRF of the spindle by itself, and of the whole.
 NOISE = (0.01, 0.02)
+
+#: Files of measured_bar.toml by the length that moves, m: outputs, and (k11, k12, k22); strings carry the free bar.
+BAR_FILES = {
+    0.5: ("data/bar_free.uff", (11,), (800.0, 0.0, 20.0)),
+    0.3835: ("data/bar_held.uff", (11, 6), (3e8, 4e6, 1.6e5)),
+}
+AVERAGES, COHERENCE = 10, 0.99
 
 #: The two-storey building of Beck and Au (2002), DOI 10.1061/(ASCE)0733-9399(2002)128:4(380): masses in kg, nominal
 #: stiffness of a storey in N/m, measured natural frequencies in Hz, and mode of the prior of k over the nominal one,
@@ -119,7 +128,27 @@ def spindle_files() -> tuple[FrfSet, FrfSet]:
     return found[0], found[1]
 
 
+def bar_records(length: float) -> list[FrfRecord]:
+    """Accelerances of an exact bar over a force at its tip, with coherence and the noise that ten averages leave."""
+    _, points, joint = BAR_FILES[length]
+    positions = {1: 0.0, 6: length / 2, 11: length}
+    bar = ExactBeam(length, circle(0.025, 0.3), 2.065e11, 0.3, 7830.0, positions, joint)
+    lines, rng = np.arange(20.0, 2800.0, 4.0), np.random.default_rng(len(points) + int(1000 * length))
+    records = []
+    for point in points:
+        exact = bar.receptance(lines, (f"{point}:y",), ("11:y",), loss_factor=0.02)[:, 0, 0]
+        exact = -((2 * np.pi * lines) ** 2) * exact
+        sd = np.abs(exact) * np.sqrt((1 - COHERENCE) / COHERENCE / (AVERAGES - 1) / 2)
+        values = exact + sd * (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size))
+        coherence, unit = np.full(lines.size, COHERENCE), "(m/s^2)/N"
+        pair = f"Point:{point}:Z+", "Point:11:Z+"
+        records.append(FrfRecord(*pair, lines, values, "accelerance", unit, coherence, AVERAGES))
+    return records
+
+
 if __name__ == "__main__":
+    for bar_length, (bar_file, *_) in BAR_FILES.items():
+        write_records(bar_records(bar_length), CONFIGS / bar_file, "uff58b")
     for file, frf in zip(SPINDLE_FILES, spindle_files(), strict=True):
         write_frf(frf, CONFIGS / file, "uff58b")
     print("eigenvalues", eigenvalues().round(2).tolist())

@@ -1,4 +1,4 @@
-"""Draw the figure at the top of README from `docs/numbers.json`: a bar in a clamp, and what two tests of it tell.
+"""Draw the figure at the top of README from `docs/numbers.json`: a bar in a vise, and what tests of it tell.
 
 `python -m benchmarks.readme_figure` draws it, and so does `benchmarks.numbers`. `tests/test_numbers.py` compares.
 """
@@ -9,19 +9,19 @@ import math
 from benchmarks.quoted import ROOT, Record
 
 FIGURE = ROOT / "docs" / "figures" / "clamp.svg"
-CASE = "two_overhangs"
+CASE = "measured_bar"
 #: What each stiffness resists, its unit, and the power of ten of that unit.
 ROWS = {
-    "k11": ("sideways push", "GN/m", 1e9),
+    "k11": ("sideways push", "MN/m", 1e6),
     "k12": ("couples push and turn", "MN", 1e6),
-    "k22": ("turning", "MN·m/rad", 1e6),
+    "k22": ("turning", "kN·m/rad", 1e3),
 }
 COLOURS = {"identified": "#2b7a55", "weakly identified": "#8a6d00"}
 OTHER, TRACK, INK, MUTED = "#c1511b", "#e4e9ee", "#1d2733", "#5b6672"
 WIDTH, HEIGHT = 800, 330
 LEFT, RIGHT, TOP, ROW = 235, 500, 232, 28
 #: Ends of the drawn scale, as multiples of the stiffness that made the data.
-SPAN = 0.25, 10.0
+SPAN = 0.5, 2.0
 _ARROW = (
     '<marker id="a" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto-start-reverse">'
 )
@@ -39,15 +39,15 @@ def _x(ratio: float) -> float:
 
 
 def object_() -> list[str]:
-    """Return the bar in its clamp, with hammer, accelerometers and the three stiffnesses."""
+    """Return the bar in its vise, with hammer, accelerometers and the three stiffnesses."""
     arrow = f'stroke="{OTHER}" stroke-width="2.5" fill="none"'
     lines = [f'<defs>{_ARROW}<path d="M0 0 8 4 0 8z" fill="{OTHER}"/></marker></defs>']
     lines += [f'<rect x="40" y="{y}" width="110" height="34" fill="#b9c2cb" stroke="{INK}"/>' for y in (58, 116)]
     lines += [
         f'<rect x="48" y="92" width="612" height="24" fill="#f4f6f8" stroke="{INK}"/>',
-        _text(95, 80, "clamp", 'text-anchor="middle"'),
+        _text(95, 80, "vise", 'text-anchor="middle"'),
         _text(250, 109, "steel bar, 383 mm free", f'fill="{MUTED}"'),
-        # the joint: where the clamp begins to hold
+        # the joint: where the jaws begin to hold
         f'<path d="M165 52V152" {arrow} marker-start="url(#a)" marker-end="url(#a)"/>',
         _text(174, 50, '<tspan font-weight="bold">k11</tspan> resists moving sideways, N/m'),
         f'<path d="M192 146A44 44 0 0 0 192 62" {arrow} marker-start="url(#a)" marker-end="url(#a)"/>',
@@ -67,7 +67,7 @@ def drawn(record: Record) -> str:
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" '
         f'font-family="Helvetica, Arial, sans-serif" font-size="13" fill="{INK}">',
-        "<title>A bar in a clamp, its three stiffnesses, and their 95 % intervals from two tests</title>",
+        "<title>A bar in a vise, its three stiffnesses, and their 95 % intervals from measured files</title>",
         '<rect width="100%" height="100%" fill="white"/>',
         *object_(),
         _text(40, 212, "Found, with 95 % intervals:", 'font-weight="bold"'),
@@ -87,7 +87,7 @@ def drawn(record: Record) -> str:
             _text(RIGHT + 14, y + 4, f"{ends} {unit}: {entry['verdict']}", f'fill="{colour}"'),
         ]
     below = TOP + len(ROWS) * ROW - 2
-    lines.append(_text(_x(1), below, "true value", f'text-anchor="middle" fill="{MUTED}" font-size="12"'))
+    lines.append(_text(_x(1), below, "what made the files", f'text-anchor="middle" fill="{MUTED}" font-size="12"'))
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 

@@ -81,6 +81,14 @@ def test_the_files_of_the_measured_spindle_are_those_of_the_script(tmp_path):
             np.testing.assert_allclose(one.values, other.values, rtol=1e-5)
 
 
+@pytest.mark.parametrize("length", example_data.BAR_FILES)
+def test_the_files_of_the_measured_bar_are_those_of_the_script(length):
+    shipped = list(iter_records(numbers.CONFIGS / example_data.BAR_FILES[length][0]))
+    for one, other in zip(example_data.bar_records(length), shipped, strict=True):
+        assert (one.response, one.reference, one.averages) == (other.response, other.reference, other.averages)
+        np.testing.assert_allclose(one.values, other.values, rtol=1e-5)
+
+
 def test_the_files_of_the_imported_bar_are_those_of_the_script(tmp_path):
     pytest.importorskip("skfem", reason="scikit-fem, which makes the matrices of configs/clamped_solid.toml")
     from benchmarks import solid_data

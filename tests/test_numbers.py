@@ -30,8 +30,8 @@ def test_every_marked_number_and_block_is_that_of_the_record(page, record):
 
 def test_the_figure_of_the_readme_is_that_of_the_record(record):
     assert readme_figure.drawn(record) == readme_figure.FIGURE.read_text(encoding="utf-8"), AGAIN
-    higher = {**record["cases"]["two_overhangs"]["k11"], "low": 1e10}
-    cases = record["cases"] | {"two_overhangs": record["cases"]["two_overhangs"] | {"k11": higher}}
+    higher = {**record["cases"][readme_figure.CASE]["k11"], "low": 1e10}
+    cases = record["cases"] | {readme_figure.CASE: record["cases"][readme_figure.CASE] | {"k11": higher}}
     assert readme_figure.drawn({**record, "cases": cases}) != readme_figure.drawn(record)
 
 

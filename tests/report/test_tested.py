@@ -80,6 +80,13 @@ def test_every_test_that_looks_different_is_drawn():
     assert figure.svg == one
 
 
+def test_the_joint_is_that_of_the_test_that_has_one():
+    """The first test of the bar is of the bar by itself; the page said "Joint: none."."""
+    problem = jb.load_case(CONFIGS / "measured_bar.toml").problem
+    text, _ = blocks_on_tests(ReportInputs(SimpleNamespace(problem=problem)))
+    assert text.text.endswith(f" Joint: {problem.parts[1].test.joints}.")
+
+
 def test_a_structure_that_nobody_can_draw_is_told_in_words(cheap_posterior, monkeypatch):
     monkeypatch.setattr("jointbayes.report.sections.lead.sketch", lambda *_: "")
     (text,) = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))

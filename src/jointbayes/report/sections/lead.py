@@ -93,7 +93,7 @@ def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
     text = " ".join(_sentence(part, structure if differ else "") for part, structure in told)
     if len(parts) > _MOST_TESTS:
         text += f" In all {len(parts)} tests, see below."
-    joints = parts[0].test.joints
+    joints = next(part.test.joints for part in parts if part.test.joints.size)  # a free part has none
     names = ", ".join(joint.name for joint in joints.joints)
     several = len(joints.joints) > 1
     joint = f"{len(joints.joints)} joints: {foreign(names)}." if several else f"Joint: {foreign(str(joints))}."
