@@ -22,6 +22,7 @@ from vibrecords.records import FrfRecord
 
 LABELS = {"5:y": "Point:5:Y+", "4:y": "Point:4:Y+", "2:y": "Point:2:Y+", "1:y": "Point:1:Y+", "1:rz": "Point:1:RZ+"}
 CHANNELS = '"Point:5:Y+" = "5:y"\n"Point:1:Y+" = "1:y"\n"Point:1:RZ+" = "1:rz"\n'
+RELATIVE = '[data.variance]\nsource = "relative"\nrelative = 0.01\nfloor = 0.0\n'
 COHERENCE = '[data.variance]\nsource = "coherence"\n'
 FEWEST = jb.SamplerSettings(walkers=8, max_steps=100)
 SMALL = jb.SamplerSettings(walkers=8, max_steps=600, tau_factor=10, r_hat_max=1.1, end_tolerance=0.1)
@@ -92,6 +93,21 @@ def refuses(folder: Path, data: str, words: str) -> None:
 
 def frequencies(keys: str) -> str:
     return FREQUENCIES.replace("\n\n[data.ch", f"\n{keys}\n\n[data.ch")
+
+
+def test_sensors_on_the_clamped_face_become_the_dofs_of_the_joint(tmp_path):
+    motion, arms = virtual(("1:y", "1:rz")), (-0.01, 0.0, 0.02)
+    values = np.stack([motion.values[:, 0] + arm * motion.values[:, 1] for arm in arms], axis=1)
+    sensors = {f"{101 + i}:y": f"Point:{101 + i}:Y+" for i in range(3)}
+    stored(replace(motion, values=values, outputs=tuple(sensors), coherence=None), tmp_path / "tip.npz", labels=sensors)
+    channels = "".join(f'"{label}" = "{dof}"\n' for dof, label in sensors.items()) + '"Point:5:Y+" = "5:y"\n'
+    places = ", ".join(f"{101 + i} = [{1e3 * arm}, 0, 0]" for i, arm in enumerate(arms))
+    point = f'[data.virtual_points.1]\nplace_mm = [0, 0, 0]\nsensors_mm = {{ {places} }}\ndofs = ["y", "rz"]\n'
+    case = loaded(tmp_path, frf_data(channels=channels, variance=point + RELATIVE))
+    data = case.problem.test.data
+    assert data.frf.outputs == data.joint_frf.outputs == ("1:y", "1:rz")
+    np.testing.assert_allclose(data.frf.values, motion.values, rtol=1e-9)
+    assert any("virtual point 1 leaves" in note for note in data.provenance.notes)
 
 
 @pytest.mark.parametrize("kind", FORMATS)

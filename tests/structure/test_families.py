@@ -114,6 +114,17 @@ def test_natural_frequencies_are_those_of_a_full_eigensolution_over_eight_decade
         np.testing.assert_allclose(hz, expected, rtol=1e-8 if name.startswith("bar") else 1e-7)
 
 
+@pytest.mark.parametrize(("dofs_per_node", "height"), [(5, 0.01), (5, 0.025), (2, 0.01)])
+def test_so_many_natural_frequencies_lie_below_the_frequency_that_is_taken_for_them(dofs_per_node, height):
+    section = jb.Section.rectangle(0.035 - height, height)
+    family, joint, *_ = beam({}, section=section, length=0.9, dofs_per_node=dofs_per_node)
+    top = family.reach_hz(20)
+    found = NaturalFrequencies(family, joint, 20).frequency_hz(np.diag([1e20, 1e18]))[0]
+    assert 0 < found[-1] < top
+    if dofs_per_node == 5:  # and not so far above that no mesh could reach it
+        assert top < jb.BeamRecipe(0.9, section, STEEL, MODAL).whole.bending_frequency_hz(26) / 2
+
+
 def test_more_than_sixty_modes_are_tabulated_too():
     ports = jb.Ports(np.arange(20.0, 9000.0, 451.0), ("11:y", "6:y"), ("11:y",))
     section = jb.Section.rectangle(0.02, 0.002)

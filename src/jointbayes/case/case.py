@@ -30,11 +30,11 @@ from jointbayes.case.case_objects import (
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, texts_of_tests
 from jointbayes.case.parse import first_joined, needs_files, parse_tests
 from jointbayes.case.plausibility import (
+    excluded_truths,
     input_warnings,
     level_warnings,
     numbering_warnings,
     sign_warnings,
-    truth_warnings,
 )
 from jointbayes.case.spec.fields import DATA_FILE, show_key
 from jointbayes.case.spec.prior_tables import joint_table
@@ -144,7 +144,8 @@ class Case:
                 above = find_above_rigid(problem)
                 warnings += numbering_warnings(doubt, above, texts[name], measured.provenance is not None)
         for test in self.tests:  # by the prior that the text states: another may be put in its place to a purpose
-            warnings += truth_warnings(test.spec, test.source, prior_of([test])[0])
+            found = excluded_truths(test.spec, prior_of([test])[0], test.source.test)
+            warnings += test.source.warnings("truth", found)
         return tuple(dict.fromkeys(warnings))
 
     @cached_property

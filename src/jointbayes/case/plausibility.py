@@ -214,14 +214,6 @@ def _remedy(key: str, slips: Sequence[tuple[str, float]]) -> str:
     return " or ".join(f"if it is {label}, write {key} = {value:.5g}" for label, value in slips[:2])
 
 
-def truth_warnings(spec: CaseSpec, text: CaseText, prior: JointPrior) -> tuple[InputWarning, ...]:
-    """Look whether the prior excludes the joint that makes the data, so that no analysis can find it.
-
-    Of a test the prior is that of its own joints alone.
-    """
-    return text.warnings("truth", _excluded(spec, prior, text.test))
-
-
 def sign_warnings(provenance: Provenance | None, text: CaseText) -> tuple[InputWarning, ...]:
     """Doubts of the sign, or of the sign of i, of FRFs of files, with which every number of a run would be wrong."""
     doubts = provenance.sign_doubts if provenance else ()
@@ -265,8 +257,11 @@ def numbering_warnings(
     return text.warnings("numbering", [Finding(loc, oddity, expected, remedy)])
 
 
-def _excluded(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]:
-    """Yield stiffnesses of the truth that have no coordinates, or coordinates of it that the prior excludes."""
+def excluded_truths(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]:
+    """Yield stiffnesses of the truth that have no coordinates, or coordinates that the prior excludes.
+
+    No analysis can find such a joint. Of a test the prior is that of its own joints alone.
+    """
     if spec.synthetic is None:
         return
     joint, loc, stated = prior.parametrisation, ("data", "truth"), spec.synthetic.truth

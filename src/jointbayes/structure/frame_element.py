@@ -118,10 +118,10 @@ class Stretch:
             *(rho * area, rho * (iy + iz), rho * iy, rho * iz),
         )
 
-    def bending_frequency_hz(self, half_waves: float) -> float:
+    def bending_frequency_hz(self, half_waves: float, *, softer: bool = False) -> float:
         """Frequency below which so many half waves of bending fit the length: of a slender beam, or of pure shear.
 
-        Tension raises both.
+        They fit in both planes, or in the `softer` one. Tension raises both.
         """
         at, wave_number = self.rigidities(np.array([0.0, 1.0])), half_waves * np.pi / self.length
         planes = ((at.bending_y, at.shear_z), (at.bending_z, at.shear_y))
@@ -130,7 +130,7 @@ class Stretch:
             for b, s in planes
         ]
         taut = wave_number * np.sqrt(max(self.axial_force, 0.0) / at.mass)
-        return float(np.hypot(max(slow), np.max(taut))) / (2 * np.pi)
+        return float(np.hypot((min if softer else max)(slow), np.max(taut))) / (2 * np.pi)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,6 @@ from jointbayes.case.spec.data_table import (
     MeasuredFrfSpec,
     MeasuredSpec,
     SyntheticFrfSpec,
-    files_table,
-    synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.prior_tables import (
@@ -142,12 +140,12 @@ class CaseSpec(Spec):
     @property
     def synthetic(self) -> SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return synthetic_table(self.data)
+        return self.data if isinstance(self.data, SyntheticFrfSpec) else None
 
     @property
     def files(self) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
-        return files_table(self.data)
+        return self.data if isinstance(self.data, MeasuredSpec) else None
 
     @property
     def measured_labels(self) -> frozenset[str]:
