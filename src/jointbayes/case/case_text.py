@@ -318,13 +318,10 @@ def texts_of_tests(source: CaseText) -> dict[str, CaseText]:
     extends. What a test says of an uncertain quantity, or of the noise, is its own; what the file says holds for all,
     unless it says `own`.
     """
-    return _texts_below(source, source.data, (_TESTS,)) or {"": source}
-
-
-def _texts_below(source: CaseText, table: object, path: tuple[str, ...]) -> dict[str, CaseText]:
-    stated = table.get(_TESTS) if isinstance(table, Mapping) else None
+    stated = source.data.get(_TESTS)
     tables = stated.items() if isinstance(stated, Mapping) else ()
-    return {name: _text_of_test(source, table, (*path, name)) for name, table in tables if isinstance(table, Mapping)}
+    texts = {name: _text_of_test(source, table, (_TESTS, name)) for name, table in tables if isinstance(table, Mapping)}
+    return texts or {"": source}
 
 
 def _text_of_test(source: CaseText, stated: Mapping[str, Any], at: KeyPath) -> CaseText:
