@@ -16,8 +16,8 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 7970),
-    "structure": (3300, 3930),
+    "vibrecords": (6500, 7963),
+    "structure": (3300, 3931),
     "joint": (1200, 1419),
     "frf": (2000, 2060),
     "inference": (2500, 2740),
@@ -25,7 +25,7 @@ ROOMS = {
     "sampling": (1300, 2170),
     "posterior": (3700, 4953),
     "studies": (1700, 1740),
-    "case": (4000, 4999),
+    "case": (4000, 4981),
     "report": (2900, 3584),
     "cli and what stands alone": (1400, 1860),
 }
