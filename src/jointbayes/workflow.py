@@ -37,6 +37,7 @@ from jointbayes.posterior.storage import draws_tree
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
+    ALONE,
     Chains,
     Proposal,
     SamplerSettings,
@@ -45,6 +46,7 @@ from jointbayes.sampling import (
     independent_chains,
     replace_far_walkers,
     run_adapted,
+    second_opinion,
     starting_walkers,
     starts_of_hills,
 )
@@ -62,7 +64,7 @@ _SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
 _NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
 #: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
-_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR = range(5)
+_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR, _SECOND_ORIGIN = range(6)
 
 
 def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHistory:
@@ -321,25 +323,42 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
 
 
 def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
-    """Draws by ensembles of walkers, with the efficiency of the last proposal."""
-    problem, log_posterior, prior = run.problem, run.problem.log_posterior, run.problem.prior.log_density
-    proposal = run.fitted_proposal()
-    starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
-    start = starting_walkers(starts, prior, run.settings, run.generator(_WALKERS), proposal.shares)
-    least = run.estimate.log_posterior - _NO_DRAW
-    start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
-    tell(Progress("sampling"))
-    chains, last = run_adapted(
-        log_posterior,
-        start,
-        run.generator(_STEPS),
-        run.settings,
-        tell,
-        systems=coordinate_systems(problem),
-        proposal=proposal,
-        quantities=judged_quantities(problem.prior),
-    )
-    return run, last.efficiency, chains
+    """Draws by ensembles of walkers, with the efficiency of the last proposal, and the run with modes that it missed.
+
+    1. Fit a proposal about each hill, place walkers there and move them until they agree.
+    2. Ask climbs from the prior, which know nothing of the modes, for a second opinion.
+    3. Where these led to a part without draws, draw once more from there as well.
+    """
+    problem, log_posterior, settings = run.problem, run.problem.log_posterior, run.settings
+    while True:
+        # 1. draws about the modes that are known
+        proposal = run.fitted_proposal()
+        starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
+        start = starting_walkers(starts, problem.prior.log_density, settings, run.generator(_WALKERS), proposal.shares)
+        least = run.estimate.log_posterior - _NO_DRAW
+        start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
+        tell(Progress("sampling"))
+        chains, last = run_adapted(
+            log_posterior,
+            start,
+            run.generator(_STEPS),
+            settings,
+            tell,
+            systems=coordinate_systems(problem),
+            proposal=proposal,
+            quantities=judged_quantities(problem.prior),
+        )
+        if not chains.converged or problem.extra_log_likelihood is not None:
+            return run, last.efficiency, chains
+        # 2. the second opinion
+        opinion = second_opinion(Landing(log_posterior, mode=run.estimate.theta), chains, run.generator(_SECOND_ORIGIN))
+        # 3. once more, where more modes were found
+        modes = len(run.estimate.modes)
+        if opinion.missed.size and opinion.alone > ALONE:
+            missed = {f"second origin {number}": theta for number, theta in enumerate(opinion.missed, 1)}
+            run = replace(run, estimate=_climbed_again(problem, run.estimate, missed))
+        if len(run.estimate.modes) <= modes:
+            return run, last.efficiency, opinion.of(chains, settings)
 
 
 def _posterior(run: _Run, efficiency: float, chains: Chains) -> Posterior:

@@ -1,6 +1,6 @@
 """Draws from two origins have the ends and shares of a dense grid, and count only where both found the same."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 
@@ -10,9 +10,21 @@ from scipy.stats import norm
 
 from jointbayes.inference import Landing
 from jointbayes.progress import Budget
-from jointbayes.sampling import Quantities, draws_from_two_origins, independent_chains
+from jointbayes.sampling import (
+    ALONE,
+    Quantities,
+    SamplerSettings,
+    draws_from_two_origins,
+    fit_each_mode,
+    independent_chains,
+    run_adapted,
+    second_opinion,
+    starting_walkers,
+)
+from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.kernels import Kernels
-from jointbayes.sampling.origins import END_TOLERANCE, interval_errors
+from jointbayes.sampling.origins import interval_errors
+from jointbayes.sampling.stopping import END_TOLERANCE
 
 BOTH = Quantities(("x", "y"), lambda theta: theta)
 PROBABILITIES = (0.025, 0.5, 0.975)
@@ -148,6 +160,63 @@ def test_what_only_one_origin_found_is_not_settled(monkeypatch):
     found = found_of(sheet, 1)
     assert not found.settled
     assert found.alone == pytest.approx(0.23, abs=0.05)
+
+
+# ---- the second opinion on ensembles, which begin at the modes that a search has found
+
+SETTINGS = SamplerSettings(walkers=16, max_steps=4000, tau_factor=20, end_tolerance=0.04)
+UP, DOWN = (np.array([1.0, 3.0]), np.diag([1.0, 0.07])), (np.array([1.0, -3.0]), np.diag([1.0, 0.006]))
+
+
+def by_ensembles(starts, seed):
+    sheet, rng = SHEETS["two modes"], np.random.default_rng(seed)
+    proposal = fit_each_mode(sheet, [Identity()], starts, None, rng)
+    start = starting_walkers(starts, sheet.prior.log_density, SETTINGS, rng, proposal.shares)
+    chains, _ = run_adapted(sheet, start, rng, SETTINGS, systems=[Identity()], proposal=proposal)
+    assert chains.converged
+    return chains
+
+
+@pytest.mark.parametrize(("starts", "alone"), [([UP], 0.23), ([DOWN], 0.77), ([UP, DOWN], 0.0)])
+def test_climbs_from_the_prior_find_what_ensembles_have_missed(starts, alone):
+    """Shares are 0.77 and 0.23. The ensembles agree with each other wherever they begin."""
+    chains = by_ensembles(starts, 1)
+    opinion = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2))
+    judged = opinion.of(chains, SETTINGS)
+    assert opinion.alone == pytest.approx(alone, abs=0.04 if alone else ALONE)
+    if not alone:
+        assert judged is chains
+        assert (chains.theta[:, chains.held_burn_in :, :, 1] > 0).mean() == pytest.approx(0.77, abs=0.02)
+        return
+    assert (np.sign(opinion.missed[:, 1]) == -np.sign(starts[0][0][1])).all()
+    assert not judged.converged
+    assert judged.reason.startswith("not converged after ")
+    assert judged.reason.endswith("% of the density was found from one origin only")
+
+
+def test_climbs_that_miss_what_ensembles_have_found_do_not_confirm_them(monkeypatch):
+    whole, climbs = Landing.land, []
+
+    def land(self, n, rng):
+        theta, value = whole(self, n, rng)
+        climbs.append(n)
+        return theta[theta[:, 1] > 0], value[theta[:, 1] > 0]
+
+    monkeypatch.setattr(Landing, "land", land)
+    chains = replace(by_ensembles([UP, DOWN], 1), evaluations=100_000)
+    opinion = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2))
+    assert opinion.alone == pytest.approx(0.23, abs=0.04)
+    assert climbs[:2] == [32, 64]  # a run of many evaluations can afford more
+    assert not len(opinion.missed)
+    assert not opinion.of(chains, SETTINGS).converged
+
+
+def test_where_no_climb_comes_down_the_reason_says_that_nothing_confirms_the_draws(monkeypatch):
+    monkeypatch.setattr(Landing, "land", lambda *_: (np.zeros((0, 2)), np.zeros(0)))
+    chains = by_ensembles([UP], 1)
+    judged = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2)).of(chains, SETTINGS)
+    assert judged.converged
+    assert judged.reason.endswith("so that no second origin confirms that these are all")
 
 
 def test_a_run_out_of_its_budget_gives_what_it_has_and_says_so():

@@ -14,9 +14,9 @@ from jointbayes.sampling.distributions import StudentT as StudentT
 from jointbayes.sampling.distributions import WeightedDraws as WeightedDraws
 from jointbayes.sampling.distributions import importance_efficiency as importance_efficiency
 from jointbayes.sampling.ensemble import SamplerSettings as SamplerSettings
-from jointbayes.sampling.origins import END_TOLERANCE as END_TOLERANCE
 from jointbayes.sampling.origins import draws_from_two_origins as draws_from_two_origins
 from jointbayes.sampling.origins import independent_chains as independent_chains
+from jointbayes.sampling.origins import second_opinion as second_opinion
 from jointbayes.sampling.proposal import Proposal as Proposal
 from jointbayes.sampling.proposal import Start as Start
 from jointbayes.sampling.proposal import fit_each_mode as fit_each_mode
@@ -27,5 +27,7 @@ from jointbayes.sampling.sampler import replace_far_walkers as replace_far_walke
 from jointbayes.sampling.sampler import run_adapted as run_adapted
 from jointbayes.sampling.sampler import run_ensembles as run_ensembles
 from jointbayes.sampling.sampler import starting_walkers as starting_walkers
+from jointbayes.sampling.stopping import ALONE as ALONE
+from jointbayes.sampling.stopping import END_TOLERANCE as END_TOLERANCE
 from jointbayes.sampling.stopping import INTERVAL as INTERVAL
 from jointbayes.sampling.stopping import Quantities as Quantities

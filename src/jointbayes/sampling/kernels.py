@@ -8,7 +8,9 @@ from jointbayes.sampling.distributions import log_peak
 from vibrecords.arrays import Array, Flags
 
 _DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
-_CLOSE = 4.0  # lengths of its widest axis from a kernel: what lies there is no other part of a density
+#: Lengths of its widest axis from a kernel: what lies there is no other part of a density. A Gaussian of d dimensions
+#: lies √d lengths from its middle, and no more than this beyond.
+_CLOSE, _BEYOND = 4.0, 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +88,9 @@ class Kernels:
         Distances are measured in units `sd`, shape (d,): across to a thin sheet they count as along it.
         """
         widest = np.linalg.norm(self.axes[:, :, 0] / sd, axis=1)
-        near = np.zeros(len(theta), dtype=bool)
+        near, lengths = np.zeros(len(theta), dtype=bool), max(_CLOSE, self.places.shape[1] ** 0.5 + _BEYOND)
         for place, length in zip(self.places / sd, widest, strict=True):
-            near |= ((theta / sd - place) ** 2).sum(axis=1) < (_CLOSE * length) ** 2
+            near |= ((theta / sd - place) ** 2).sum(axis=1) < (lengths * length) ** 2
         return near
 
     def joined(self, other: "Kernels", share: float) -> "Kernels":

@@ -1,7 +1,13 @@
-"""Importance draws of a density from two origins, which are kept apart until both have found the same of it."""
+"""Two origins of draws, which are kept apart until both have found the same of a density.
+
+Importance draws come from two origins of their own, see `draws_from_two_origins`. Ensembles of walkers are the first
+origin of a run by them, and climbs from the prior the second one, see `second_opinion`. Both ask the same rule,
+`jointbayes.sampling.stopping.unmet_by`.
+"""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,15 +17,20 @@ from jointbayes.sampling.chains import Chains
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.diagnostics import split_r_hat
 from jointbayes.sampling.distributions import drawn_without_replacement, resampled, truncated
+from jointbayes.sampling.ensemble import SamplerSettings
 from jointbayes.sampling.kernels import Kernels
-from jointbayes.sampling.stopping import ENDS_ARE_GOOD, INTERVAL, Check, Quantities
+from jointbayes.sampling.stopping import (
+    ALONE,
+    END_TOLERANCE,
+    ENDS_ARE_GOOD,
+    ENOUGH,
+    INTERVAL,
+    LEAST_EFFECTIVE,
+    Check,
+    Quantities,
+    unmet_by,
+)
 from vibrecords.arrays import Array
-
-#: Largest Monte Carlo standard error of each end of a 95 % interval, as a share of the interval's width.
-END_TOLERANCE = 0.05
-#: Draws at every end with which the 2.5 % beyond it are known to a tenth of themselves. An end on a plateau far from
-#: the bulk is then as good as it need be, wherever it lies.
-ENOUGH = 4000.0
 
 _LANDED = 256  # climbs of each origin, twice as many at each further trial
 _TRIALS = 4
@@ -33,13 +44,14 @@ _WIDE = 0.15  # prior standard deviations: along wider axes a sheet is followed
 _MOST_BENT = 5
 _NEAREST, _FARTHEST = 0.01, 1.0  # reach of a kernel, in prior standard deviations
 _POOLED, _BATCHES = 4000, 4  # draws of each origin at a time
-_LEAST_EFFECTIVE = 400.0  # draws at every end
 _LARGEST_WEIGHT = 0.01  # of all, that one draw may carry
 _HANDED_OUT, _LOOKED_AT = 8000, 2000
-#: Share of the density that only one origin may have found.
-ALONE = 0.005
 _USELESS = 100.0  # effective draws, below which nothing is said
 _CHAINS = 4  # in which independent draws are handed out, to tell R̂ from
+#: Of a second opinion: climbs at first, kernels at draws of the run, draws of each origin's kernels, and the share of
+#: the run's evaluations after which no more climbs begin.
+_CLIMBS, _AT_DRAWS, _WEIGHED, _OF_THE_RUN = 32, 32, 1000, 0.1
+_UNCONFIRMED = "no climb from the prior came down on them, so that no second origin confirms that these are all"
 
 
 class Ground(Protocol):
@@ -173,17 +185,17 @@ def draws_from_two_origins(
             weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
             independent = 1 / float(weight @ weight)
             error, effective = interval_errors(quantities.values(theta), weight)
-            known = (error <= END_TOLERANCE and effective >= _LEAST_EFFECTIVE) or effective >= ENOUGH
-            known = known and float(weight.max()) <= _LARGEST_WEIGHT
+            unmet = unmet_by(error, effective, 0.0, tolerance=END_TOLERANCE, least=LEAST_EFFECTIVE, enough=ENOUGH)
+            known = not unmet and float(weight.max()) <= _LARGEST_WEIGHT
             if known or is_spent():
                 break
         if not log_weight.size:
             continue
         # 4. what only one of them has found
         handed = theta[resampled(weight, _HANDED_OUT, rng)[rng.permutation(_HANDED_OUT)]]
-        near = [kernels.covers(handed[:_LOOKED_AT], ground.sd) for kernels in origins]
-        alone = 1 - float(np.all(near, axis=0).mean())
-        settled = known and alone <= ALONE
+        alone = seen_by_one(handed[:_LOOKED_AT], origins, ground.sd)
+        missing = unmet_by(error, effective, alone, tolerance=END_TOLERANCE, least=LEAST_EFFECTIVE, enough=ENOUGH)
+        settled = known and not missing
         tell(f"ends good to {100 * error:.2g} % of their intervals' width, {100 * alone:.2g} % seen by one origin only")
         log_z_error = math.sqrt(max(1 / independent - 1 / total, 0.0))
         figures = ground.evaluations - begun, independent / total, settled
@@ -197,7 +209,86 @@ def draws_from_two_origins(
     return found if found is not None and found.effective >= _USELESS else None
 
 
-def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator) -> Kernels:
+def seen_by_one(theta: Array, origins: Sequence[Kernels], sd: Array) -> float:
+    """Return the share of equally weighted draws, shape (n, d), that not all origins have a kernel close to."""
+    return 1 - float(np.all([kernels.covers(theta, sd) for kernels in origins], axis=0).mean())
+
+
+class Opinion(NamedTuple):
+    """What climbs from the prior say of draws of ensembles.
+
+    `alone` is the share of the density that either of them has not found, NaN where no climb came down on the density.
+    `missed` are points, shape (m, d), to which climbs led and where the ensembles have no draws.
+    """
+
+    alone: float
+    missed: Array
+
+    def of(self, chains: Chains, settings: SamplerSettings) -> Chains:
+        """Return chains that have converged, or that have not where one origin missed more than `ALONE`.
+
+        Where no climb came down nothing is missing either, and the reason says that nothing confirms it.
+        """
+        if math.isnan(self.alone):
+            return replace(chains, reason=f"{chains.reason}; {_UNCONFIRMED}")
+        error = chains.history[-1].end_error
+        assert error is not None
+        unmet = unmet_by(error.share, chains.history[-1].kept / error.tau, self.alone, tolerance=settings.end_tolerance)
+        if not unmet:
+            return chains
+        return replace(chains, converged=False, reason=f"not {chains.reason}; {'; '.join(unmet)}")
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> Opinion:
+    """Compare draws of ensembles, which began at known modes, with what climbs from the prior find by themselves.
+
+    1. Climb from quasi-random points of the prior, which know nothing of the modes.
+    2. Put kernels at some of the draws, and at the ends of the climbs, each as long as the density is there.
+    3. Weigh draws of both kinds of kernels as from both together. What lies far from the draws was found by the climbs
+       only. What lies far from the ends of the climbs is counted among the draws.
+    4. Where only the draws know a part of the density, climb from twice as many points, if that is cheap for the run.
+
+    Parameters
+    ----------
+    ground
+        The density, and the way down to it.
+    chains
+        The ensembles. Further climbs may cost a tenth of the evaluations that they have made.
+    rng
+        Source of all randomness.
+    """
+    density, begun, climbs = Checked(ground.log_density), ground.evaluations, _CLIMBS
+    draws = chains.theta[:, chains.held_burn_in :].reshape(-1, chains.theta.shape[-1])
+    some = draws[rng.permutation(len(draws))[:_LOOKED_AT]]
+    highest = float(density(some).max())
+    ends, run = draws[:0], _adapted(density, ground, some[:_AT_DRAWS], rng, 0)
+    while True:
+        # 1. climb from the prior
+        theta, value = ground.land(climbs, rng)
+        ends = np.concatenate([ends, theta[value > max(highest, float(value.max(initial=-np.inf))) - _HIGH]])
+        opinion, climbs = Opinion(math.nan, draws[:0]), 2 * climbs
+        if len(ends):
+            # 2. kernels of both
+            second = _adapted(density, ground, ends, rng, 0)
+            # 3. weigh what only the climbs have found, and count what only the draws have
+            drawn = np.concatenate([kernels.draw(rng, _WEIGHED) for kernels in (run, second)])
+            height = density(drawn)
+            log_weight = height - np.logaddexp(run.log_density(drawn), second.log_density(drawn))
+            weight = np.where(np.isfinite(log_weight), np.exp(log_weight - np.nanmax(log_weight)), 0.0)
+            further = float(weight @ ~run.covers(drawn, ground.sd)) / float(weight.sum())
+            alone = further + (1 - further) * seen_by_one(some, [second], ground.sd)
+            opinion = Opinion(alone, ends[~run.covers(ends, ground.sd)])
+            if alone <= ALONE or len(opinion.missed):
+                return opinion
+        # 4. further climbs
+        if ground.evaluations - begun > _OF_THE_RUN * chains.evaluations:
+            return opinion
+
+
+def _adapted(
+    density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator, rounds: int = _ROUNDS
+) -> Kernels:
     """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
     from scipy.spatial import cKDTree  # settings of a sampler are read without scipy
 
@@ -218,7 +309,7 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
         return Kernels(chosen, *ground.shapes(chosen, reach, bent), np.ones(len(chosen)))
 
     kernels = about(points, points)
-    for number in range(1, _ROUNDS + 1):
+    for number in range(1, rounds + 1):
         theta = kernels.draw(rng, _DRAWS)
         value = density(theta)
         theta, value = theta[np.isfinite(value)], value[np.isfinite(value)]
@@ -233,7 +324,7 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
         shares = (1 - _KEPT) * shares / shares.sum() + _KEPT / len(shares)
         kernels = Kernels(kernels.places, kernels.axes, kernels.bend, shares)
         missed = np.flatnonzero(value - proposed > np.logaddexp.reduce(log_weight) - math.log(_DRAWS) + _MISSED)
-        if number <= _ROUNDS - _UNCHANGED and missed.size > 1:
+        if number <= rounds - _UNCHANGED and missed.size > 1:
             chosen = theta[missed[drawn_without_replacement(log_weight[missed], _ADDED, rng)]]
             added = about(chosen, np.concatenate([kernels.places, chosen]))
             kernels = kernels.joined(added, min(0.3, float(weight[missed].sum())))

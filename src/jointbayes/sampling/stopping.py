@@ -12,6 +12,13 @@ from jointbayes.sampling.ensemble import SamplerSettings
 from vibrecords.arrays import Array
 
 ENDS_ARE_GOOD = "the ends of each 95 % interval are good to {} % of the interval's width"
+#: Share of the density that only one origin may have found.
+ALONE = 0.005
+#: Largest error of an end in importance draws, as a share of the interval's width.
+END_TOLERANCE = 0.05
+#: Fewest draws at every end, and draws at every end with which the 2.5 % beyond it are known to a tenth of themselves.
+#: An end on a plateau far from the bulk is then as good as it need be, wherever it lies.
+LEAST_EFFECTIVE, ENOUGH = 400.0, 4000.0
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)
 
@@ -101,6 +108,49 @@ class Check:
     def r_hat_max(self) -> float:
         """R̂ of the parameter, or the share of a mode, on which the ensembles agree least."""
         return max(float(np.max(self.r_hat)), self.modes_r_hat)
+
+
+def unmet_by(
+    error: float,
+    effective: float,
+    alone: float,
+    *,
+    tolerance: float,
+    least: float = 0.0,
+    enough: float = math.inf,
+    end: str = "an end of a 95 % interval",
+) -> list[str]:
+    """Return what draws of either kind still lack, in words; empty where they have settled.
+
+    Parameters
+    ----------
+    error
+        Largest Monte Carlo standard error of an end of a 95 % interval, as a share of the interval's width.
+    effective
+        Fewest independent draws that an end is worth.
+    alone
+        Share of the density that was found from one origin only.
+    tolerance, least
+        Largest error, and fewest draws at an end.
+    enough
+        Draws at every end that do whatever the error is.
+    end
+        Words for the end with the largest error.
+
+    Examples
+    --------
+    >>> unmet_by(0.04, 500.0, 0.23, tolerance=0.05)
+    ['23 % of the density was found from one origin only']
+    """
+    unmet = []
+    if not (effective >= enough or (error <= tolerance and effective >= least)):
+        unmet.append(
+            f"{end} has a Monte Carlo error of {100 * error:.2f} % of the interval's width, below "
+            f"{100 * tolerance:.1f} % is needed"
+        )
+    if not alone <= ALONE:
+        unmet.append(f"{100 * alone:.2g} % of the density was found from one origin only")
+    return unmet
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +350,11 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> StopDecision:
     last, unmet = checks[-1], _unmet(settings, checks)
     where = f"after {last.step} steps (limit {settings.max_steps})"
     error = last.end_error
-    if not unmet and not (error is not None and error.share < settings.end_tolerance):
-        unmet.append(_end_sentence(error, settings))
+    if not unmet and error is None:
+        unmet.append("the errors of the ends of the 95 % intervals are unknown")
+    if not unmet and error is not None:
+        end = f"the {error.end} end of the 95 % interval of {error.name}"
+        unmet = unmet_by(error.share, last.kept / error.tau, 0.0, tolerance=settings.end_tolerance, end=end)
     if not unmet and error is not None and not last.kept > settings.tau_factor * error.tau:
         unmet.append(
             f"τ = {error.tau:.1f} steps of an end of a 95 % interval exceeds 1/{settings.tau_factor:g} of the "
@@ -360,15 +413,6 @@ def _unmet(settings: SamplerSettings, checks: Sequence[Check]) -> list[str]:
             f"R̂ = {last.r_hat_max:.4f} over {settings.ensembles} ensembles, below {settings.r_hat_max:g} is needed"
         )
     return unmet
-
-
-def _end_sentence(error: EndError | None, settings: SamplerSettings) -> str:
-    if error is None:
-        return "the errors of the ends of the 95 % intervals are unknown"
-    return (
-        f"the {error.end} end of the 95 % interval of {error.name} has a Monte Carlo error of "
-        f"{100 * error.share:.2f} % of the interval's width, below {100 * settings.end_tolerance:.1f} % is needed"
-    )
 
 
 def _one_distance_on(step: int, settings: SamplerSettings) -> int:
