@@ -262,7 +262,12 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
     draws = chains.theta[:, chains.held_burn_in :].reshape(-1, chains.theta.shape[-1])
     some = draws[rng.permutation(len(draws))[:_LOOKED_AT]]
     highest = float(density(some).max())
-    ends, run = draws[:0], _adapted(density, ground, some[:_AT_DRAWS], rng, 0)
+
+    def about(places: Array) -> Kernels:
+        points, bent = _distinct(ground, places)
+        return Kernels(points, *ground.shapes(points, np.full(len(points), _FARTHEST), bent), np.ones(len(points)))
+
+    ends, run = draws[:0], about(some[:_AT_DRAWS])
     while True:
         # 1. climb from the prior
         theta, value = ground.land(climbs, rng)
@@ -270,7 +275,7 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
         opinion, climbs = Opinion(math.nan, draws[:0]), 2 * climbs
         if len(ends):
             # 2. kernels of both
-            second = _adapted(density, ground, ends, rng, 0)
+            second = about(ends)
             # 3. weigh what only the climbs have found, and count what only the draws have
             drawn = np.concatenate([kernels.draw(rng, _WEIGHED) for kernels in (run, second)])
             height = density(drawn)
@@ -286,18 +291,22 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
             return opinion
 
 
-def _adapted(
-    density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator, rounds: int = _ROUNDS
-) -> Kernels:
+def _distinct(ground: Ground, points: Array) -> tuple[Array, int]:
+    """Return points that are apart, shape (n, d), and the number of axes along which the density bends at most of them.
+
+    Climbs that end at one point make one kernel: as neighbours of each other they would make each too short.
+    """
+    _, first = np.unique(np.round(points / (_NEAREST * ground.sd)), axis=0, return_index=True)
+    points = points[np.sort(first)]
+    wide = int(np.median((ground.widths(points) > _WIDE).sum(axis=1)))
+    return points, min(wide, _MOST_BENT, ground.sd.size - 1)
+
+
+def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator) -> Kernels:
     """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
     from scipy.spatial import cKDTree  # settings of a sampler are read without scipy
 
-    # climbs that end at one point make one kernel: as neighbours of each other they would make each too short
-    sd = ground.sd
-    _, first = np.unique(np.round(points / (_NEAREST * sd)), axis=0, return_index=True)
-    points = points[np.sort(first)]
-    wide = int(np.median((ground.widths(points) > _WIDE).sum(axis=1)))
-    bent = min(wide, _MOST_BENT, sd.size - 1)
+    sd, (points, bent) = ground.sd, _distinct(ground, points)
     neighbours = 2**bent + 2
 
     def about(chosen: Array, all_of_them: Array) -> Kernels:
@@ -309,7 +318,7 @@ def _adapted(
         return Kernels(chosen, *ground.shapes(chosen, reach, bent), np.ones(len(chosen)))
 
     kernels = about(points, points)
-    for number in range(1, rounds + 1):
+    for number in range(1, _ROUNDS + 1):
         theta = kernels.draw(rng, _DRAWS)
         value = density(theta)
         theta, value = theta[np.isfinite(value)], value[np.isfinite(value)]
@@ -324,7 +333,7 @@ def _adapted(
         shares = (1 - _KEPT) * shares / shares.sum() + _KEPT / len(shares)
         kernels = Kernels(kernels.places, kernels.axes, kernels.bend, shares)
         missed = np.flatnonzero(value - proposed > np.logaddexp.reduce(log_weight) - math.log(_DRAWS) + _MISSED)
-        if number <= rounds - _UNCHANGED and missed.size > 1:
+        if number <= _ROUNDS - _UNCHANGED and missed.size > 1:
             chosen = theta[missed[drawn_without_replacement(log_weight[missed], _ADDED, rng)]]
             added = about(chosen, np.concatenate([kernels.places, chosen]))
             kernels = kernels.joined(added, min(0.3, float(weight[missed].sum())))
