@@ -1,6 +1,6 @@
 """The steps of a run: those made so far, what the checks found, and what the run leaves behind."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -155,7 +155,6 @@ class Chains:
 #: Steps of each ensemble that are held at most. Longer runs hold every second, fourth and so on of them; τ and R̂ are
 #: then those of these, τ in steps all the same, and never smaller than their distance.
 MOST_HELD = 25_000
-_AT_ONCE = 20  # blocks that are condensed together
 
 
 def spacing(steps: int) -> int:
@@ -172,60 +171,6 @@ def spacing(steps: int) -> int:
     return every
 
 
-@dataclass(slots=True)
-class HeldSteps:
-    """Steps of which not all are held any more.
-
-    Parameters
-    ----------
-    steps
-        How many these were.
-    every
-        Distance of those that are held, of which the first is step number `every`.
-    theta, log_density
-        Those that are, one after the other, shapes (ensembles, held, walkers, d) and (ensembles, held, walkers).
-    """
-
-    steps: int = 0
-    every: int = 1
-    theta: list[Array] = field(default_factory=list)
-    log_density: list[Array] = field(default_factory=list)
-
-    def take(self, rows: Sequence[list[StepBlock]], every: int) -> None:
-        """Hold of some rows of blocks, which follow, steps of this distance, and no more of those before."""
-        if every > self.every and self.theta:
-            keep = slice(every // self.every - 1, None, every // self.every)
-            # copies, or what is dropped would stay in memory
-            self.theta = [np.concatenate(self.theta, axis=1)[:, keep].copy()]
-            self.log_density = [np.concatenate(self.log_density, axis=1)[:, keep].copy()]
-        self.every = every
-        theta, log_density = spaced(rows, self.steps, every)
-        self.theta.append(theta)
-        self.log_density.append(log_density)
-        self.steps += sum(len(row[0].theta) for row in rows)
-
-    def joined(self, rows: Sequence[list[StepBlock]], every: int) -> tuple[Array, Array]:
-        """θ and log-density at this distance, of what is held and of the rows that follow."""
-        further = [spaced(rows, self.steps, every)] if rows else []
-        keep = slice(every // self.every - 1, None, every // self.every)
-        if not self.theta:
-            return further[0]
-        held = tuple(np.concatenate(values, axis=1)[:, keep] for values in (self.theta, self.log_density))
-        theta, log_density = (np.concatenate(each, axis=1) for each in zip(held, *further, strict=True))
-        return theta, log_density
-
-
-def spaced(rows: Sequence[list[StepBlock]], before: int, every: int) -> tuple[Array, Array]:
-    """Steps whose number, with so many before, is a multiple: (ensembles, n, walkers, d), and log-density without d."""
-    theta, log_density = [], []
-    for row in rows:
-        kept = slice(-(before + 1) % every, None, every)
-        theta.append(np.stack([block.theta[kept] for block in row]))
-        log_density.append(np.stack([block.log_density[kept] for block in row]))
-        before += len(row[0].theta)
-    return np.concatenate(theta, axis=1), np.concatenate(log_density, axis=1)
-
-
 @dataclass(frozen=True, slots=True)
 class Slow:
     """Between which steps, and above which τ, a run is ended because it mixes slowly."""
@@ -237,17 +182,18 @@ class Slow:
 
 @dataclass(slots=True)
 class Stage:
-    """A stage of a run in progress: the blocks of all ensembles so far, and what the checks found.
+    """A stage of a run in progress: the steps of all ensembles so far, and what the checks found.
 
-    ``blocks`` has one row per block, and one column per ensemble. Of a long stage ``held`` has the first steps, of
-    which not all are in memory any more, and ``blocks`` those that follow. ``counts`` are of the proposals of each
+    ``theta`` and ``log_density`` hold every so many steps, the first of them step number ``every``, one array after the
+    other, shapes (ensembles, held, walkers, d) and (ensembles, held, walkers). ``counts`` are of the proposals of each
     move, and ``accepted`` of all that an ensemble accepted.
     """
 
-    blocks: list[list[StepBlock]] = field(default_factory=list)
+    theta: list[Array] = field(default_factory=list)
+    log_density: list[Array] = field(default_factory=list)
+    every: int = 1
     checks: list[Check] = field(default_factory=list)
     step: int = 0
-    held: HeldSteps = field(default_factory=HeldSteps)
     counts: dict[str, MoveCount] = field(default_factory=dict)
     accepted: list[int] = field(default_factory=list)
     singular: int = 0
@@ -265,8 +211,7 @@ class Stage:
         size = min(settings.check_every, settings.max_steps - self.step)
         number = self.step // settings.check_every
         row = [advance(state, size, streams.block(ensemble, number)) for ensemble, state in enumerate(states)]
-        self.step += size
-        self.blocks.append(row)
+        self._hold(row)
         self.accepted = self.accepted or [0] * len(row)
         for ensemble, block in enumerate(row):
             self.singular += block.singular
@@ -276,6 +221,19 @@ class Stage:
                 self.accepted[ensemble] += count.accepted
         return [block.end for block in row]
 
+    def _hold(self, row: list[StepBlock]) -> None:
+        """Add a block of steps of each ensemble, and drop every second step where the stage has become too long."""
+        before, self.step = self.step, self.step + len(row[0].theta)
+        every = spacing(self.step)
+        kept = slice(-(before + 1) % every, None, every)
+        blocks = [block.theta[kept] for block in row], [block.log_density[kept] for block in row]
+        for held, block in zip((self.theta, self.log_density), blocks, strict=True):
+            if every > self.every:
+                # a copy, otherwise what is dropped would stay in memory
+                held[:] = [np.concatenate(held, axis=1)[:, every // self.every - 1 :: every // self.every].copy()]
+            held.append(np.stack(block))
+        self.every = every
+
     def check_if_due(
         self, settings: SamplerSettings, quantities: Quantities | None, modes: SeveralModes | None = None
     ) -> None:
@@ -283,17 +241,9 @@ class Stage:
         last = self.checks[-1].step if self.checks else 0
         if self.step == last or self.step != next_check(last, settings):
             return
-        every = spacing(self.step)
-        theta, _ = self.held.joined(self.blocks, every)
-        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, every, self.step, modes))
-        self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, every)
-
-    def condense(self) -> None:
-        """Hold fewer of the steps of a long stage; of the last block all, which say where the ensembles stand."""
-        count = len(self.blocks) - 1
-        if self.step > MOST_HELD and count >= _AT_ONCE:
-            self.held.take(self.blocks[:count], spacing(self.step))
-            del self.blocks[:count]
+        theta = np.concatenate(self.theta, axis=1)
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, self.every, self.step, modes))
+        self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, self.every)
 
     def report(self, settings: SamplerSettings, decision: StopDecision, seconds: float) -> Progress:
         """Where the run stands, for the caller."""
@@ -310,11 +260,9 @@ class Stage:
 
     def chains(self, settings: SamplerSettings, decision: StopDecision, seconds: float) -> Chains:
         """Close the stage, whose last block always ends in a check."""
-        every = spacing(self.step)
-        theta, log_density = self.held.joined(self.blocks, every)
         return Chains(
-            theta=theta,
-            log_density=log_density,
+            theta=np.concatenate(self.theta, axis=1),
+            log_density=np.concatenate(self.log_density, axis=1),
             acceptance=np.array(self.accepted) / (self.step * settings.walkers),
             move_acceptance={name: n.accepted / n.proposed for name, n in self.counts.items() if n.proposed},
             thin=thinning(self.checks[-1].tau),
@@ -324,5 +272,5 @@ class Stage:
             evaluations=settings.ensembles * settings.walkers * (self.step + 1),
             seconds=seconds,
             history=tuple(self.checks),
-            every=every,
+            every=self.every,
         )

@@ -244,7 +244,8 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
     """Compare draws of ensembles, which began at known modes, with what climbs from the prior find by themselves.
 
     1. Climb from quasi-random points of the prior, which know nothing of the modes.
-    2. Put kernels at some of the draws, and at the ends of the climbs, each as long as the density is there.
+    2. Put kernels at some of the draws, and at the ends of the climbs, each as long as the density is there. Where
+       the density has long tails, put further ones at the climbs' own weighted draws.
     3. Weigh draws of both kinds of kernels as from both together. What lies far from the draws was found by the climbs
        only. What lies far from the ends of the climbs is counted among the draws.
     4. Where only the draws know a part of the density, climb from twice as many points, if that is cheap for the run.
@@ -277,11 +278,15 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
             # 2. kernels of both
             second = about(ends)
             # 3. weigh what only the climbs have found, and count what only the draws have
-            drawn = np.concatenate([kernels.draw(rng, _WEIGHED) for kernels in (run, second)])
+            drawn = np.concatenate([kernels.draw(rng, _WEIGHED) for kernels in (second, run)])
             height = density(drawn)
-            log_weight = height - np.logaddexp(run.log_density(drawn), second.log_density(drawn))
-            weight = np.where(np.isfinite(log_weight), np.exp(log_weight - np.nanmax(log_weight)), 0.0)
-            further = float(weight @ ~run.covers(drawn, ground.sd)) / float(weight.sum())
+            height[~np.isfinite(height)] = -np.inf
+            by_second, by_run = second.log_density(drawn), run.log_density(drawn)
+            weight = _normalised(height - np.logaddexp(by_second, by_run))
+            further = float(weight @ ~run.covers(drawn, ground.sd))
+            if seen_by_one(some, [second], ground.sd) > ALONE:  # a tail is longer than the curvature says
+                weight = _normalised(truncated((height - by_second)[:_WEIGHED], _WEIGHED))
+                second = about(np.concatenate([ends, drawn[resampled(weight, _AT_DRAWS, rng)]]))
             alone = further + (1 - further) * seen_by_one(some, [second], ground.sd)
             opinion = Opinion(alone, ends[~run.covers(ends, ground.sd)])
             if alone <= ALONE or len(opinion.missed):
@@ -338,6 +343,12 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
             added = about(chosen, np.concatenate([kernels.places, chosen]))
             kernels = kernels.joined(added, min(0.3, float(weight[missed].sum())))
     return kernels
+
+
+def _normalised(log_weight: Array) -> Array:
+    """Weights that sum to one, shape (n,), of their logarithms."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(weight / weight.sum())
 
 
 def interval_errors(values: Array, weight: Array) -> tuple[float, float]:

@@ -322,7 +322,6 @@ def run_ensembles(
         budget.spend((stage.step - before) * settings.ensembles * settings.walkers)
         stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
         decision = stage.decision(settings)
-        stage.condense()
         if progress is not None:
             progress(stage.report(settings, decision, time.perf_counter() - began))
     if not decision.converged and stage.step < settings.max_steps and budget.is_spent:
@@ -401,7 +400,9 @@ def run_adapted(
             break
         discarded += chains.steps
         explores = explores and number + 1 < len(_EXPLORING)
-        proposal = refit_proposal(log_density, systems, proposal, _draws(chains), streams.refit())
+        kept = chains.theta[:, chains.held_burn_in :]
+        draws = kept[:, :: max(1, kept[..., 0].size // (4 * DRAWS_OF_A_FIT))].reshape(-1, kept.shape[-1])
+        proposal = refit_proposal(log_density, systems, proposal, draws, streams.refit())
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
@@ -421,13 +422,6 @@ def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
     n = np.log(log_weight.size)
     efficiency = np.exp(2 * n - np.logaddexp.reduce(log_weight) - np.logaddexp.reduce(-log_weight))
     return bool(efficiency < _STATED * proposal.efficiency)
-
-
-def _draws(chains: Chains) -> Array:
-    """Every draw after burn-in, shape (n, d), of at most some ten thousand."""
-    kept = chains.theta[:, chains.held_burn_in :]
-    every = max(1, kept[..., 0].size // (4 * DRAWS_OF_A_FIT))
-    return kept[:, ::every].reshape(-1, kept.shape[-1])
 
 
 def _counted_on(progress: ProgressCallback, steps: int, limit: int, seconds: float) -> ProgressCallback:
