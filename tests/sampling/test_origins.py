@@ -1,5 +1,6 @@
 """Draws from two origins have the ends and shares of a dense grid, and count only where both found the same."""
 
+import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from jointbayes.inference import Landing
+import jointbayes as jb
+from jointbayes.inference import Landing, LogPosterior
 from jointbayes.progress import Budget
 from jointbayes.sampling import (
     ALONE,
@@ -247,3 +249,24 @@ def test_the_density_of_a_bent_kernel_is_that_of_its_draws():
     assert total * cell == pytest.approx(1.0, abs=0.003)
     drawn = np.minimum(kernels.draw(np.random.default_rng(1), 200_000)[:, 1], 3.0)
     assert drawn.mean() == pytest.approx(up * cell, abs=5 * drawn.std() / np.sqrt(drawn.size))
+
+
+def test_the_walk_from_sample_to_the_density_has_ten_frames_at_most(cheap_case, monkeypatch):
+    """Printed by ``pytest -s``: functions on the way to the density while the ensembles step."""
+    walks = set()
+    whole = LogPosterior.__call__
+
+    def looked_at(self, theta):
+        names, frame = [], sys._getframe(1)
+        while frame is not None and frame.f_code.co_name != "sample":
+            names.append(frame.f_code.co_name)
+            frame = frame.f_back
+        if frame is not None and "propose" in names:
+            walks.add(("sample", *reversed(names)))
+        return whole(self, theta)
+
+    monkeypatch.setattr(LogPosterior, "__call__", looked_at)
+    jb.sample(cheap_case, settings=SamplerSettings(walkers=8, max_steps=100), premises="exact")
+    print("\n".join(" → ".join(walk) for walk in walks))
+    assert walks
+    assert max(map(len, walks)) <= 10

@@ -171,15 +171,6 @@ def spacing(steps: int) -> int:
     return every
 
 
-@dataclass(frozen=True, slots=True)
-class Slow:
-    """Between which steps, and above which τ, a run is ended because it mixes slowly."""
-
-    first: int
-    last: int
-    tau: float
-
-
 @dataclass(slots=True)
 class Stage:
     """A stage of a run in progress: the steps of all ensembles so far, and what the checks found.
@@ -197,12 +188,6 @@ class Stage:
     counts: dict[str, MoveCount] = field(default_factory=dict)
     accepted: list[int] = field(default_factory=list)
     singular: int = 0
-
-    def decision(self, settings: SamplerSettings) -> StopDecision:
-        """What the stop rule says of the last step, if it was looked at."""
-        if self.checks and self.checks[-1].step == self.step:
-            return judge(settings, self.checks)
-        return StopDecision(converged=False, reason="")
 
     def extend(
         self, advance: Advance, states: list[EnsembleState], streams: Streams, settings: SamplerSettings
@@ -236,14 +221,15 @@ class Stage:
 
     def check_if_due(
         self, settings: SamplerSettings, quantities: Quantities | None, modes: SeveralModes | None = None
-    ) -> None:
-        """Look at all steps so far, where the time has come."""
+    ) -> StopDecision:
+        """Look at all steps so far, where the time has come, and return what the stop rule says of them."""
         last = self.checks[-1].step if self.checks else 0
-        if self.step == last or self.step != next_check(last, settings):
-            return
+        if self.step != next_check(last, settings):
+            return StopDecision(converged=False, reason="")
         theta = np.concatenate(self.theta, axis=1)
         self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, self.every, self.step, modes))
         self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, self.every)
+        return judge(settings, self.checks)
 
     def report(self, settings: SamplerSettings, decision: StopDecision, seconds: float) -> Progress:
         """Where the run stands, for the caller."""

@@ -39,8 +39,8 @@ class Identity:
         return theta
 
     def inverse(self, phi: Array) -> tuple[Array, Flags]:
-        """φ as it is; all of it belongs to the region."""
-        return phi, np.ones(len(phi), dtype=bool)
+        """φ as it is; all of it belongs to the region but what is no number."""
+        return phi, np.asarray(np.isfinite(phi).all(axis=1))
 
     def log_volume(self, theta: Array) -> Array:
         """Zeros."""

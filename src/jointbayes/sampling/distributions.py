@@ -323,15 +323,14 @@ class ProposalDensity(Protocol):
 
 def theta_draws(
     log_density: LogDensity, density: ProposalDensity, coordinates: Coordinates, rng: np.random.Generator, n: int
-) -> tuple[Array, Array, Array, int]:
+) -> tuple[Array, Array, Array]:
     """Draws that lie in the region of the coordinates, with the log-density and the log of the proposal's there.
 
     Returns
     -------
     theta, value, log_proposal : ndarray, shapes (m, d), (m,), (m,)
-        m ≤ n; both logs are of densities over θ; the value is −inf where the density is zero.
-    left : int
-        How many draws left the region.
+        m ≤ n, because draws may leave the region; both logs are of densities over θ; the value is −inf where the
+        density is zero.
     """
     phi = density.draw(rng, n)
     theta, inside = coordinates.inverse(phi)
@@ -342,7 +341,7 @@ def theta_draws(
     log_proposal[finite] -= coordinates.log_volume(theta[finite])
     # rounding at the very edge of the region may leave a volume that is no number
     value = np.where(np.isfinite(log_proposal), value, -np.inf)
-    return theta, value, log_proposal, n - len(theta)
+    return theta, value, log_proposal
 
 
 class Pool:
@@ -364,10 +363,10 @@ class Pool:
 
     def extend(self, density: ProposalDensity, coordinates: Coordinates, rng: np.random.Generator, n: int) -> float:
         """Add draws from a proposal; return its efficiency."""
-        theta, value, log_proposal, left = theta_draws(self._log_density, density, coordinates, rng, n)
+        theta, value, log_proposal = theta_draws(self._log_density, density, coordinates, rng, n)
         self.evaluations += len(theta)
         alive = np.isfinite(value)
-        log_weight = np.concatenate([value[alive] - log_proposal[alive], np.full(left + int((~alive).sum()), -np.inf)])
+        log_weight = np.concatenate([value[alive] - log_proposal[alive], np.full(n - int(alive.sum()), -np.inf)])
         self.add(density, coordinates, theta[alive], value[alive], n)
         return importance_efficiency(log_weight)
 
@@ -502,6 +501,7 @@ def refined_student(
     The last one is not always the best.
     """
     rounds: list[Round] = []
+    fewest = 10 * (mean.size + 1)
     for _ in range(1 + _STUDENT_ROUNDS):
         candidate = StudentT(mean, scale, DOF)
         draws = candidate.draw(rng, _DRAWS)
@@ -511,18 +511,12 @@ def refined_student(
         rounds.append(Round(candidate, draws, values, efficiency))
         if efficiency > enough:
             break
-        mean, scale = _refitted(candidate, draws, log_weight)
+        alive = np.isfinite(log_weight)
+        if alive.sum() < fewest:
+            scale = scale / 4  # the density lies somewhere nearer to the centre
+        else:
+            mean, scale = _most_likely(candidate, draws[alive], tempered(log_weight[alive], fewest))
     return rounds
-
-
-def _refitted(candidate: StudentT, draws: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Centre and scale of the next candidate from weighted draws of the last."""
-    d = candidate.mean.size
-    alive = np.isfinite(log_weight)
-    enough = 10 * (d + 1)
-    if alive.sum() < enough:
-        return candidate.mean, candidate.scale / 4  # the density lies somewhere nearer to the centre
-    return _most_likely(candidate, draws[alive], tempered(log_weight[alive], enough))
 
 
 def _most_likely(candidate: StudentT, draws: Array, weight: Array) -> tuple[Array, Array]:
@@ -704,45 +698,39 @@ def search(
     """
     good = GOOD_MIXTURE * good_efficiency(pool.theta.shape[1]) if enough is None else enough
     fits: list[Fit] = []
+
+    def tried(coordinates: Coordinates, mixture: StudentMixture | StudentT | int) -> Fit | None:
+        fit = _round(pool, coordinates, mixture, rng)
+        if fit is not None:
+            # few draws may miss the one that carries a large weight
+            fit = _confirmed(pool, fit, rng) if fit.efficiency > good else fit
+            fits.append(fit)
+        return fit
+
+    # 1. some rounds in each system
     latest: dict[int, Fit] = {}
     for trial, index in product(range(_TRIALS), range(len(systems))):
-        fit = _round(pool, systems[index], latest[index].density if trial and index in latest else components, rng)
-        if fit is None:
-            continue
-        if fit.efficiency > good:
-            fit = _confirmed(pool, fit, rng)
-        fits.append(fit)
-        latest[index] = fit
-        if fit.efficiency > good:
-            return fits
-    if latest:
-        fits += _refined(pool, max(latest.values(), key=lambda fit: fit.efficiency), good, rng)
-    # the highest of several figures is too high by chance: the first few are looked at again
+        fit = tried(systems[index], latest[index].density if trial and index in latest else components)
+        if fit is not None:
+            latest[index] = fit
+            if fit.efficiency > good:
+                return fits
+    # 2. further rounds in the best
+    gained, last = True, max(latest.values(), key=lambda fit: fit.efficiency, default=None)
+    for _ in range(_ROUNDS if last else 0):
+        assert last is not None
+        assert isinstance(last.density, StudentMixture)
+        fit = tried(last.coordinates, last.density if gained else split(last.density))
+        if fit is None or fit.efficiency > good:
+            break
+        gained, last = fit.efficiency > last.efficiency + _GAIN, fit
+    # 3. the highest of several figures is too high by chance: the first few are looked at again
     ranked = sorted(fits, key=lambda fit: -fit.efficiency)
     return [_confirmed(pool, fit, rng) for fit in ranked[:_LOOKED_AT_AGAIN]]
 
 
-def _refined(pool: Pool, last: Fit, good: float, rng: np.random.Generator) -> list[Fit]:
-    """Further rounds in the coordinates of a fit, until one is good."""
-    fits: list[Fit] = []
-    gained = True
-    for _ in range(_ROUNDS):
-        assert isinstance(last.density, StudentMixture)
-        fit = _round(pool, last.coordinates, last.density if gained else split(last.density), rng)
-        if fit is None:
-            break
-        if fit.efficiency > good:
-            fit = _confirmed(pool, fit, rng)
-        gained = fit.efficiency > last.efficiency + _GAIN
-        fits.append(fit)
-        last = fit
-        if fit.efficiency > good:
-            break
-    return fits
-
-
 def _confirmed(pool: Pool, fit: Fit, rng: np.random.Generator) -> Fit:
-    """The fit with the efficiency of more and new draws: few may miss the one that carries a large weight."""
+    """The fit with the efficiency of more and new draws."""
     return replace(fit, efficiency=pool.extend(fit.density, fit.coordinates, rng, _CONFIRMING))
 
 

@@ -27,7 +27,7 @@ from jointbayes.sampling.distributions import (
     truncated,
     whitened,
 )
-from vibrecords.arrays import Array, Flags
+from vibrecords.arrays import Array
 
 _SCATTERED = 1000  # draws about each start
 _WIDER = 2.0  # than a start's covariance are these
@@ -121,7 +121,7 @@ class Proposal:
             m ≤ n: the other draws have weight zero. The sum of the weights over n estimates the integral of the
             density.
         """
-        theta, value, log_proposal, _ = theta_draws(Checked(log_density), self.density, self.coordinates, rng, n)
+        theta, value, log_proposal = theta_draws(Checked(log_density), self.density, self.coordinates, rng, n)
         alive = np.isfinite(value)
         return theta[alive], value[alive] - log_proposal[alive]
 
@@ -257,17 +257,9 @@ _CONFIRMING = 4000
 _EVEN = 0.05  # of all that is proposed goes to each mode alike, however small one's share
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AboutModes:
+def _about_mode(log_density: LogDensity, modes: SeveralModes, number: int) -> LogDensity:
     """A density about one of several modes: zero where another one is nearer."""
-
-    log_density: LogDensity
-    modes: SeveralModes
-    number: int
-
-    def __call__(self, theta: Array) -> Array:
-        """Log density, shape (n,), at θ, shape (n, d)."""
-        return np.where(self.modes.nearest(theta) == self.number, self.log_density(theta), -np.inf)
+    return lambda theta: np.where(modes.nearest(theta) == number, log_density(theta), -np.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,14 +296,6 @@ class OneOfProposals:
                 over_theta = np.log(weight) + over_phi - proposal.coordinates.log_volume(theta)
             each.append(np.where(np.isfinite(over_theta), over_theta, -np.inf))
         return np.asarray(np.logaddexp.reduce(each, axis=0))
-
-
-class Finite(Identity):
-    """θ itself, of which numbers that are none belong to no region."""
-
-    def inverse(self, phi: Array) -> tuple[Array, Flags]:
-        """φ as it is, and whether it is finite."""
-        return phi, np.asarray(np.isfinite(phi).all(axis=1))
 
 
 _DIP = 2.0  # ln of a density: across a valley no deeper a fit about one mode reaches the other
@@ -366,7 +350,7 @@ def fit_each_mode(
     if len(starts) == 1:
         return fit_proposal(log_density, systems, starts, rng, enough=enough)
     modes = SeveralModes.from_starts(starts, images)
-    densities = [AboutModes(log_density, modes, number) for number in range(len(starts))]
+    densities = [_about_mode(log_density, modes, number) for number in range(len(starts))]
     pairs = zip(densities, starts, strict=True)
     parts = [fit_proposal(density, systems, [start], rng, enough=enough) for density, start in pairs]
     return joined(log_density, parts, modes, rng)
@@ -378,13 +362,13 @@ def joined(
     """Mixture of the proposals of each mode in proportion to the modes' shares, which they estimate by their draws."""
     log_mass = []
     for number, proposal in enumerate(parts):
-        _, log_weight = proposal.weighted_draws(AboutModes(log_density, modes, number), rng, _WEIGHED)
+        _, log_weight = proposal.weighted_draws(_about_mode(log_density, modes, number), rng, _WEIGHED)
         log_mass.append(np.logaddexp.reduce(log_weight) if log_weight.size else -np.inf)
     highest = max(log_mass)
     mass = np.exp(np.array(log_mass) - highest) if np.isfinite(highest) else np.ones(len(parts))
     weights = (1 - _EVEN) * mass / mass.sum() + _EVEN / len(parts)
     evaluations = sum(proposal.evaluations for proposal in parts) + len(parts) * _WEIGHED + _CONFIRMING
-    mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, Finite(), modes)
+    mixture = Proposal(OneOfProposals(tuple(parts), weights), 0.0, evaluations, modes=modes)
     return replace(mixture, efficiency=mixture.confirmed_efficiency(log_density, rng, _CONFIRMING))
 
 
@@ -436,7 +420,7 @@ def refit_proposal(
     for number in range(len(parts)):
         draws = theta[nearest == number]
         if len(draws) >= 2 * _HELD_OUT:
-            parts[number] = proposal_from_draws(AboutModes(log_density, modes, number), systems, draws, rng)
+            parts[number] = proposal_from_draws(_about_mode(log_density, modes, number), systems, draws, rng)
     return joined(log_density, parts, modes, rng)
 
 

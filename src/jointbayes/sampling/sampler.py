@@ -1,7 +1,7 @@
 """Place walkers and run their ensembles until they agree; they learn from their first steps what to propose."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from jointbayes.errors import SamplingError
 from jointbayes.progress import Budget, Progress, ProgressCallback
-from jointbayes.sampling.chains import Chains, Slow, Stage
+from jointbayes.sampling.chains import Chains, Stage
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.distributions import GOOD_MIXTURE, drawn_without_replacement, good_efficiency, truncated
 from jointbayes.sampling.ensemble import EnsembleState, SamplerSettings, Streams, WeightedMove
 from jointbayes.sampling.proposal import DRAWS_OF_A_FIT, Proposal, Start, refit_proposal
-from jointbayes.sampling.stopping import Quantities
+from jointbayes.sampling.stopping import Check, Quantities, StopDecision
 from vibrecords.arrays import Array
 
 ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coordinates do not help
@@ -151,19 +151,16 @@ def weighted_moves(
     # emcee takes a while to import, and nobody who reads the settings needs it
     from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove, JumpMove
 
-    flat = Identity()
-    local = [
-        WeightedMove("differential evolution", DEMove(flat), 0.8),
-        WeightedMove("differential evolution, full step", DEMove(flat, gamma0=1.0), 0.1),
-        WeightedMove("stretch", HalvesStretchMove(), 0.1),
-    ]
-    if coordinates is not None:
-        adapted = [
-            WeightedMove("differential evolution, adapted coordinates", DEMove(coordinates), 0.9),
-            WeightedMove(
-                "differential evolution, full step, adapted coordinates", DEMove(coordinates, gamma0=1.0), 0.1
-            ),
+    def steps(where: Coordinates, small: float, name: str = "") -> list[WeightedMove]:
+        full = DEMove(where, gamma0=1.0)
+        return [
+            WeightedMove(f"differential evolution{name}", DEMove(where), small),
+            WeightedMove(f"differential evolution, full step{name}", full, 0.1),
         ]
+
+    local = [*steps(Identity(), 0.8), WeightedMove("stretch", HalvesStretchMove(), 0.1)]
+    if coordinates is not None:
+        adapted = steps(coordinates, 0.9, ", adapted coordinates")
         local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
     if proposal is not None and proposal.dimension >= MANY_DIMENSIONS:
         fitted, where = proposal.whole, proposal.likeliest.coordinates
@@ -242,6 +239,15 @@ _STATED = 0.5  # of a proposal's efficiency: if draws of the posterior find less
 _FAR = 100.0  # ln of an importance weight that is as good as infinite
 
 
+def _never_slow(_: Check) -> bool:
+    return False
+
+
+def _slow_between(first: int, last: int, tau: float) -> Callable[[Check], bool]:
+    """Whether a run mixes slowly: its τ exceeds a limit at a check between two steps."""
+    return lambda check: first <= check.step <= last and check.tau_max > tau
+
+
 def run_ensembles(
     log_density: LogDensity,
     start: Array,
@@ -252,7 +258,7 @@ def run_ensembles(
     coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
-    slow: Slow | None = None,
+    is_slow: Callable[[Check], bool] = _never_slow,
     budget: Budget | None = None,
 ) -> Chains:
     """Run the ensembles side by side until the stop rule is met, or a limit of steps or of evaluations is reached.
@@ -277,8 +283,8 @@ def run_ensembles(
         more of the steps are proposed from it.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
-    slow : Slow, optional
-        When the run ends before its limit because it mixes slowly; by default never.
+    is_slow : callable, optional
+        Whether the run ends with a check, before its limit, because it mixes slowly; by default never.
     budget : Budget, optional
         Of the run that this one is a stage of; by default that of the settings begins here.
 
@@ -305,7 +311,7 @@ def run_ensembles(
 
     streams = rng if isinstance(rng, Streams) else Streams.from_generator(rng)
     stage, states = Stage(), initial_states(log_density, start, settings, first=streams.stage == 0)
-    decision, began = stage.decision(settings), time.perf_counter()
+    decision, began = StopDecision(converged=False, reason=""), time.perf_counter()
     budget = budget or settings.budget(start.shape[-1])
     advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
 
@@ -314,14 +320,12 @@ def run_ensembles(
             return True
         if not stage.checks or stage.checks[-1].step != stage.step:
             return False
-        is_slow = slow and slow.first <= stage.step <= slow.last and stage.checks[-1].tau_max > slow.tau
-        return bool(budget.is_spent or is_slow)
+        return budget.is_spent or is_slow(stage.checks[-1])
 
     while not is_done():
         before, states = stage.step, stage.extend(advance_one, states, streams, settings)
         budget.spend((stage.step - before) * settings.ensembles * settings.walkers)
-        stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
-        decision = stage.decision(settings)
+        decision = stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
         if progress is not None:
             progress(stage.report(settings, decision, time.perf_counter() - began))
     if not decision.converged and stage.step < settings.max_steps and budget.is_spent:
@@ -381,7 +385,6 @@ def run_adapted(
         left = settings.max_steps - discarded
         # what is left must be enough for a stage of its own
         last = left - max(2 * settings.check_every, (stage or 0) // 2)
-        slow = Slow(stage, last, 0.0 if explores else _SLOW_TAU) if stage else None
         chains = run_ensembles(
             log_density,
             start,
@@ -391,7 +394,7 @@ def run_adapted(
             coordinates=proposal.likeliest.coordinates,
             proposal=replace(proposal, efficiency=_HALF) if explores else proposal,
             quantities=quantities,
-            slow=slow,
+            is_slow=_slow_between(stage, last, 0.0 if explores else _SLOW_TAU) if stage else _never_slow,
             budget=budget,
         )
         evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
