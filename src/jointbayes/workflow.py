@@ -39,7 +39,6 @@ from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
     ALONE,
     Chains,
-    Proposal,
     SamplerSettings,
     draws_from_two_origins,
     fit_each_mode,
@@ -298,12 +297,6 @@ class _Run:
         """Random numbers for one purpose."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(purpose,)))
 
-    def fitted_proposal(self) -> Proposal:
-        """A proposal about each hill of the posterior and its images."""
-        density, images = self.problem.log_posterior, Images.from_problem(self.problem).matrices
-        starts = starts_of_hills(density, self.estimate.starts_for_draws)
-        return fit_each_mode(density, coordinate_systems(self.problem), starts, images, self.generator(_PROPOSAL))
-
 
 def answered_case(case: Case | Problem, seed: int, tell: ProgressCallback) -> Problem:
     """The problem whose posterior is the answer; where nothing is decided there is no search for the mode."""
@@ -330,10 +323,11 @@ def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chain
     3. Where these led to a part without draws, draw once more from there as well.
     """
     problem, log_posterior, settings = run.problem, run.problem.log_posterior, run.settings
+    systems, images = coordinate_systems(problem), Images.from_problem(problem).matrices
     while True:
         # 1. draws about the modes that are known
-        proposal = run.fitted_proposal()
         starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
+        proposal = fit_each_mode(log_posterior, systems, starts, images, run.generator(_PROPOSAL))
         start = starting_walkers(starts, problem.prior.log_density, settings, run.generator(_WALKERS), proposal.shares)
         least = run.estimate.log_posterior - _NO_DRAW
         start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
@@ -344,7 +338,7 @@ def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chain
             run.generator(_STEPS),
             settings,
             tell,
-            systems=coordinate_systems(problem),
+            systems=systems,
             proposal=proposal,
             quantities=judged_quantities(problem.prior),
         )
@@ -417,19 +411,13 @@ def _from_two_origins(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, C
         tell(Progress("preparing the sampling"))
         return _by_ensembles(run, tell)
     chains = independent_chains(problem.log_posterior, found, time.perf_counter() - began)
-    return replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains
-
-
-def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:
-    """The estimate, or a higher mode that the best of independent draws leads to: those lie wherever the density does.
-
-    Walkers would wait for long at a mode that the search missed, and say nothing of it.
-    """
+    # walkers would wait for long at a mode that the search missed; independent draws lie wherever the density does
     best = chains.theta[np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)]
     theta, height = refine_where_possible(problem.log_posterior, best)
-    if height <= estimate.log_posterior + _SAME_DENSITY:
-        return estimate
-    return _climbed_again(problem, estimate, {"best draw": theta, "search": estimate.theta})
+    if height > run.estimate.log_posterior + _SAME_DENSITY:
+        further = {"best draw": theta, "search": run.estimate.theta}
+        run = replace(run, estimate=_climbed_again(problem, run.estimate, further))
+    return run, found.efficiency, chains
 
 
 @one_blas_thread()
