@@ -3,7 +3,7 @@
 import math
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -37,7 +37,6 @@ from jointbayes.posterior.storage import draws_tree
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import (
-    ALONE,
     Chains,
     SamplerSettings,
     draws_from_two_origins,
@@ -180,17 +179,17 @@ def find_map(
 
 def _on_all_lines(problem: Problem, estimate: MapEstimate) -> MapEstimate:
     """The estimate with its modes climbed on all lines of the problem."""
-    climbed = _climbed_again(problem, estimate, {})
+    climbed = _climbed_again(problem, estimate, [])
     total, count = problem.log_posterior.typical_squares(climbed.theta)
     if estimate.effort is None:
         return climbed
     return replace(climbed, effort=replace(estimate.effort, squares=total / count, limit=largest_squares(count)))
 
 
-def _climbed_again(problem: Problem, estimate: MapEstimate, further: dict[str, Array]) -> MapEstimate:
-    """The estimate with climbs of the problem from its modes and from further points, by name."""
+def _climbed_again(problem: Problem, estimate: MapEstimate, further: Sequence[Array]) -> MapEstimate:
+    """The estimate with climbs of the problem from further points, and from its modes."""
     search = ModeSearch(problem.log_posterior)
-    search.climb(further | {f"mode {number}": mode.theta for number, mode in enumerate(estimate.modes, 1)})
+    search.climb({str(number): theta for number, theta in enumerate([*further, *(m.theta for m in estimate.modes)])})
     return replace(search.estimate(), starts=estimate.starts, effort=estimate.effort, iteration=estimate.iteration)
 
 
@@ -348,9 +347,8 @@ def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chain
         opinion = second_opinion(Landing(log_posterior, mode=run.estimate.theta), chains, run.generator(_SECOND_ORIGIN))
         # 3. once more, where more modes were found
         modes = len(run.estimate.modes)
-        if opinion.missed.size and opinion.alone > ALONE:
-            missed = {f"second origin {number}": theta for number, theta in enumerate(opinion.missed, 1)}
-            run = replace(run, estimate=_climbed_again(problem, run.estimate, missed))
+        if opinion.missed.size:
+            run = replace(run, estimate=_climbed_again(problem, run.estimate, [*opinion.missed]))
         if len(run.estimate.modes) <= modes:
             return run, last.efficiency, opinion.of(chains, settings)
 
@@ -411,13 +409,19 @@ def _from_two_origins(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, C
         tell(Progress("preparing the sampling"))
         return _by_ensembles(run, tell)
     chains = independent_chains(problem.log_posterior, found, time.perf_counter() - began)
-    # walkers would wait for long at a mode that the search missed; independent draws lie wherever the density does
+    return replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains
+
+
+def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:
+    """The estimate, or a higher mode that the best of independent draws leads to: those lie wherever the density does.
+
+    Walkers would wait for long at a mode that the search missed, and say nothing of it.
+    """
     best = chains.theta[np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)]
     theta, height = refine_where_possible(problem.log_posterior, best)
-    if height > run.estimate.log_posterior + _SAME_DENSITY:
-        further = {"best draw": theta, "search": run.estimate.theta}
-        run = replace(run, estimate=_climbed_again(problem, run.estimate, further))
-    return run, found.efficiency, chains
+    if height <= estimate.log_posterior + _SAME_DENSITY:
+        return estimate
+    return _climbed_again(problem, estimate, [theta, estimate.theta])
 
 
 @one_blas_thread()

@@ -218,7 +218,8 @@ class Opinion(NamedTuple):
     """What climbs from the prior say of draws of ensembles.
 
     `alone` is the share of the density that either of them has not found, NaN where no climb came down on the density.
-    `missed` are points, shape (m, d), to which climbs led and where the ensembles have no draws.
+    `missed` are points, shape (m, d), to which climbs led and where the ensembles have no draws. There are none where
+    that share is no more than `ALONE`.
     """
 
     alone: float
@@ -288,8 +289,9 @@ def second_opinion(ground: Ground, chains: Chains, rng: np.random.Generator) -> 
                 weight = _normalised(truncated((height - by_second)[:_WEIGHED], _WEIGHED))
                 second = about(np.concatenate([ends, drawn[resampled(weight, _AT_DRAWS, rng)]]))
             alone = further + (1 - further) * seen_by_one(some, [second], ground.sd)
-            opinion = Opinion(alone, ends[~run.covers(ends, ground.sd)])
-            if alone <= ALONE or len(opinion.missed):
+            missed = ends[~run.covers(ends, ground.sd) & (alone > ALONE)]
+            opinion = Opinion(alone, missed)
+            if alone <= ALONE or len(missed):
                 return opinion
         # 4. further climbs
         if ground.evaluations - begun > _OF_THE_RUN * chains.evaluations:
