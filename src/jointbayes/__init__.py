@@ -1,7 +1,7 @@
 """Joint stiffness from vibration measurements, with uncertainty.
 
 Names are loaded at first use, so that importing the package costs next to nothing. The one table of them is the stub
-beside this file, which type checkers read as well.
+next to this file, which type checkers also read.
 """
 
 from importlib import import_module

@@ -69,7 +69,7 @@ def require(given: object, kind: Any, what: str, expected: str, within: Callable
     given
         What a user gave.
     kind
-        Type or union of types, as of `isinstance`.
+        Type or union of types, as for `isinstance`.
     what
         Where it was given, before what was found.
     expected

@@ -9,7 +9,7 @@ from jointbayes.rounding import factor, number, percent, quantity_text, with_int
 
 DO_NOT_USE = "do not use these numbers"
 NOT_SETTLED = "the calculation has not settled"
-#: How well material, dimensions and damping are known where nobody stated it.
+#: How well material, dimensions and damping are known if the case does not state it.
 WORKSHOP = "inputs as in a workshop"
 #: What is said in place of a verdict where the model does not explain the data, and what sentences open with there.
 NO_VALID_VALUE = "no valid value, as the model does not fit the data"

@@ -52,5 +52,5 @@ class VerdictRule:
         )
 
 
-#: The rule where nobody states another.
+#: The default rule.
 RULE = VerdictRule()

@@ -61,7 +61,7 @@ def test_a_damaged_cache_is_replaced_with_one_line(cache, ending, damage):
     path = kept(cache, ending)
     path.write_bytes(damage(path.read_bytes()))
     said = run(NUMBA_CACHE_DIR=cache)
-    assert "compiling it anew" in said
+    assert "compiling it again" in said
     assert said.count("\n") == 1
 
 

@@ -2,7 +2,7 @@
 
 H_ab = A_ab − A_aj (C + A_jj)⁻¹ A_jb with A the receptance without the joint and C = (K^J)⁻¹ (Woodbury),
 written with K^J itself, A_aj K^J (1 + A_jj K^J)⁻¹ A_jb, so that an absent joint is as good as a stiff one.
-An r × r problem per line, whatever the number of FE DOFs. Where the structure is itself uncertain, A is another one for
+An r × r problem per line, for any number of FE DOFs. Where the structure is itself uncertain, A is another one for
 every draw, summed over the free modes.
 
 H is a holomorphic function of the measured part of A, and dH_oi = p_oᵀ dA p_i with p the forces on a measured body's
@@ -104,7 +104,7 @@ class LowRankCoupling:
     Parameters
     ----------
     structure
-        Body with loss-factor or Rayleigh damping, or measured bodies beside a modelled one.
+        Body with loss-factor or Rayleigh damping, or measured bodies next to a modelled one.
     joint
         Where the joint acts, r DOFs.
     ports
@@ -114,7 +114,7 @@ class LowRankCoupling:
     ------
     ModelError
         If the damping law is modal: its modes are those of the assembled structure, see `AssembledModes`; unless a body
-        is measured. If a measured body lacks one of the lines. If quantities are uncertain beside a damping matrix.
+        is measured. If a measured body lacks one of the lines. If quantities are uncertain with a damping matrix.
     """
 
     def __init__(self, structure: AnyStructure, joint: AnyJoint, ports: Ports) -> None:

@@ -255,7 +255,7 @@ class Substructures:
         Body without the joints. Modal damping is that of its own free modes, rigid-body modes
         not counted, since there are no modes of the assembled structure.
     measured
-        Bodies given by their FRFs; a joint, an output or an input names their DOFs as those of any other body.
+        Bodies given by their FRFs; joints, outputs and inputs name their DOFs like the DOFs of any other body.
     propagate
         Whether the errors of the measured FRFs count in the likelihood. If not, intervals are too narrow.
 
@@ -288,7 +288,7 @@ class Substructures:
 
     @property
     def n_dofs(self) -> int:
-        """DOFs of all bodies; those of the modelled ones come first."""
+        """DOFs of all bodies; the DOFs of the modelled bodies come first."""
         return self.modelled.n_dofs + sum(len(body.dofs) for body in self.measured)
 
     def index(self, labels: Sequence[str]) -> Indices:
@@ -306,7 +306,7 @@ class Substructures:
         return places
 
     def position(self, label: str) -> tuple[float, float, float] | None:
-        """Where a DOF of a modelled body is, if that is known; that of a measured body is not."""
+        """Return the position of a DOF of a modelled body, if it is known; a measured body has no positions."""
         return None if label in self._measured_rows else self.modelled.position(label)
 
     def at(self, dofs: Iterable[str], top_hz: float) -> "Substructures":

@@ -169,7 +169,7 @@ class JoinedModes:
         self._shift, self._r = body.shift, taking_part.joined.shape[1]
         forces = None if forced is None else np.concatenate([np.ones(self._r, dtype=bool), forced])
         self._free = body.free_modes(taking_part.dofs, np.hstack([taking_part.joined, taking_part.rest]), forces)
-        #: Rigid-body motions that the joint leaves: the first so many modes, which nobody counts.
+        #: Rigid-body motions that the joint leaves: the first modes, which are not counted.
         self.rigid = _left_free(body, taking_part)
 
     def solve(

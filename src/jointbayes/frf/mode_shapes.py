@@ -52,7 +52,7 @@ class AssembledShapes(LowestModes):
     Parameters
     ----------
     body, joint, count
-        As of `LowestModes`.
+        See `LowestModes`.
     dofs
         Labels of the DOFs at which shapes are wanted.
     zeros

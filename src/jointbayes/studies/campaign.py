@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 #: File of the index, and the directory of run directories.
 INDEX, CASES = "index.csv", "cases"
 DONE, FAILED, KILLED = "done", "failed", "killed its worker"
-#: Columns that an index has whatever its cases are.
+#: Columns that every index has.
 COLUMNS = ("key", "serial", "date", "status", "error", "attempts", "seed", "seconds", "fingerprint", "code")
 _OF_SUMMARY = ("converged", "reason", "explains")
 _OF_STIFFNESS = ("unit", "map", "median", "low95", "high95", "limit", "verdict")
@@ -489,7 +489,7 @@ def kept_rows(file: Path) -> dict[str, Row]:
 
 
 def write_index(file: Path, rows: Iterable[Row]) -> None:
-    """Write an index, whole: the columns of every index, and those of all stiffnesses of its rows.
+    """Write an index, whole: the columns of every index, and the columns of all stiffnesses of its rows.
 
     Text that a spreadsheet may take for a formula has an apostrophe before it. Compatible forms count as the sign, such
     as the full-width ＝, and marks that do not print are escaped.

@@ -71,7 +71,7 @@ class WeighedModel:
     hypothesis
         One of `HYPOTHESES`.
     names
-        Coordinates, those of nuisances included.
+        Coordinates, including the nuisances.
     stiffness
         Quantities of the joint at the posterior mode, shape (q,); `jointbayes.joint.RIGID` stands for a motion that is
         held.
@@ -198,7 +198,7 @@ def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
 
 
 def _won(first: str, second: str, two_log_b: float) -> str:
-    """Which of two it is, or that this cannot be told."""
+    """Say which of the two it is, or that the data cannot tell."""
     same = first.rpartition(" ")[0].rpartition(" ")[0]
     second = second.removeprefix(f"{same} ") if same else second  # "length 360 mm, not 383 mm"
     if is_close(two_log_b):

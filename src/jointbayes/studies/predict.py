@@ -51,7 +51,7 @@ class OtherCase:
     recipe, joint
         The structure, and where the joint holds it.
     uncertain, own
-        What is uncertain of it, and which of that is its own whatever the tested structure's is.
+        What is uncertain of it, and which of these quantities it does not share with the tested structure.
     ports, quantity
         Lines, DOFs and quantity.
     text
@@ -124,7 +124,7 @@ _LOBE_DRAWS, _SPEEDS = 200, 400
 def predict_lobes(posterior: Posterior, other: OtherCase, test: str | None = None) -> Lobes | None:
     """Stability lobes of the cut that ``[predict.lobes]`` asks for, of draws; None where it asks for none.
 
-    FRFs of both directions are those of the same draws; the cutting coefficients are taken as exact.
+    FRFs of both directions come from the same draws; the cutting coefficients are taken as exact.
     """
     if (asked := other.lobes) is None:
         return None
@@ -156,7 +156,7 @@ def _without_data(source: CaseText, asked: Mapping[str, Any]) -> CaseText:
     each = [asked.get(key) for key in ("outputs", "inputs")]
     labels = [label for some in each if isinstance(some, list) for label in some if isinstance(label, str)]
     data = {"kind": "measured_frf", "file": "never read", "channels": {label: label for label in labels or ["1:x"]}}
-    # what is wrong with a DOF is told at the key that asks for it
+    # a wrong DOF is reported at the key that asks for it
     data |= {key: some for key, some in zip(("outputs", "inputs"), each, strict=True) if isinstance(some, list)}
     places = {path: place for path, place in source.places.items() if path[0] not in _OF_DATA}
     places |= {("data", *path[1:]): place for path, place in source.places.items() if path[0] == "predict"}

@@ -70,7 +70,7 @@ class Change:
 
     @property
     def known(self) -> bool:
-        """Whether a change by a factor of 2 would show; of a difference nobody can say what is much."""
+        """Whether a change by a factor of 2 would show; for a difference there is no such scale."""
         return self.unit != "1" or (1 + self.high95) < _UNKNOWN * (1 + self.low95)
 
     @property
@@ -103,7 +103,7 @@ class JointChange:
         The change of each, the best known first; where the joint has changed, the clearest.
     together
         What the whole joint does to the natural frequency of the structure before that shows it most clearly; None
-        where nobody knows any, as of a measured body.
+        where none are known, as for a measured body.
     two_log_b
         2 ln B for a joint in each test against one joint in both: positive where the joint has changed.
     premises
@@ -152,7 +152,7 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     ModelError
         If one has several tests, or their joints have other quantities.
     """
-    # 1. Both hypotheses, that of a joint each searched from the mode of one joint as well
+    # 1. Both hypotheses; the one with a joint for each test is also searched from the mode of one joint
     own, shared, premises = _together(before, new)
     one = find_map(shared, seed=seed, progress=progress)
     two = find_map(own, np.tile(one.values, 2), seed=seed, progress=progress)
@@ -160,7 +160,7 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     for problem, estimate in ((shared, one), (own, two)):
         starts = estimate.starts_for_draws
         found.append(evidence_about_modes(problem.log_posterior, coordinate_systems(problem), starts, rng))
-    # 2. Evidences, that of a joint each with changes of a likely size
+    # 2. Evidences; the one with a joint for each test takes changes of a likely size
     (z_one, draws_of_one), (z_two, draws) = found
     if not len(draws.theta):
         raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
@@ -215,7 +215,7 @@ def _together(before: Problem, new: Problem) -> tuple[Problem, Problem, tuple[st
     of_noise: list[Nuisance] = []
     for test, problem, every in zip(_TESTS, (before, new), named, strict=True):
         own_named = [n if n.name in common else replace(n, name=prefixed(test, n.name)) for n in every]
-        end = len(every) - problem.log_posterior.likelihood.hyper_count  # those of the noise are the last
+        end = len(every) - problem.log_posterior.likelihood.hyper_count  # the noise's coordinates are the last
         structural += [n for n in own_named[:end] if n not in structural]
         of_noise += own_named[end:]
     blocks = given.blocks if isinstance(given, Blocks) else (Block("", given, (0,)),)
@@ -239,7 +239,7 @@ def _premises(own: Problem, common: list[str], apart: list[str], *, alike: bool)
     laws = [test.noise.shares if isinstance(test.noise, ModelErrorNoise) else None for test in own.tests]
     if alike and not apart and laws[0] is not None and laws[0] == laws[1]:
         same.append("error of the model in each mode")
-    one = "Assumed: one structure in both tests, so that whatever has changed is the joint."
+    one = "Assumed: one structure in both tests, so that only the joint can have changed."
     sentences = [one if alike else "The two structures are stated differently: nothing of them cancels."]
     sentences += [f"Assumed to be the same in both, so that it cancels: {listed(same)}."] if same else []
     sentences += [f"Uncertain in each by itself: {listed(apart)}."] if apart else []

@@ -20,7 +20,7 @@ from jointbayes.rounding import signed
 from vibrecords.arrays import Array
 from vibrecords.inspection import contents_of, with_resonances
 
-#: Relative standard deviations with which a set-up that nobody touched repeats: temperature, cables, the hand.
+#: Relative standard deviations with which an untouched set-up repeats: temperature, cables, the hand.
 _REPEATS = {"frequencies": 5e-4, "damping ratios": 0.05}
 #: Standard deviations of the logarithm of a change, from the smallest to the largest.
 _CHANGES = {"frequencies": (5e-4, 0.1), "damping ratios": (0.05, 0.7)}

@@ -15,7 +15,7 @@ from vibrecords.files import OwnDirectory
 
 
 def sketch_figure(tested: Problem | None) -> tuple[Figure, ...]:
-    """The sketch of a test as a figure of a study's page; none where nobody knows what its structure looks like."""
+    """Return the sketch of a test as a figure of a study's page, or None for a structure without a known shape."""
     drawing, text = sketch(tested) if tested else "", "The structure with its joint, sensors and force."
     return (Figure("structure", text, text, drawing),) if drawing else ()
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Workers that die of one task until it is set aside.
 MOST_DEATHS = 3
 _TICK = 0.5  # seconds between two calls of `watch`
-_GRACE = 5.0  # seconds in which a worker that is told to end may remove what it has half written
+_GRACE = 5.0  # seconds in which a worker that has to end may remove half-written files
 _CONNECT = 10.0  # seconds to wait for a scheduler
 _PATIENCE = 300.0  # seconds without any worker of a cluster
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -282,7 +282,7 @@ class Processes(Executor):
 
 
 class _Ended(SystemExit):
-    """The driver has told this worker to end, or is gone."""
+    """The driver has asked this worker to end, or is gone."""
 
 
 def _begin() -> None:

@@ -1,1 +1,1 @@
-"""The compiled loops of the forward models: nobody needs to read them to follow the data."""
+"""The compiled loops of the forward models. The data flow can be followed without reading them."""

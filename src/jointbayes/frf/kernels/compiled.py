@@ -38,14 +38,14 @@ _said: set[str] = set()
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile to machine code at the first call, kept on disk for the next process.
 
-    What is kept is compiled anew when the function's own file changes or this one, so its parts belong into the same
+    The kept code is compiled again when the function's own file changes or this one, so its parts belong into the same
     file. Where it is kept can be chosen by NUMBA_CACHE_DIR.
     """
     dispatcher = numba.njit(nogil=True, fastmath=_FAST | {"reassoc"}, error_model="numpy")(function)
     try:
         dispatcher._cache = _cache(function)
     except (OSError, RuntimeError) as error:
-        _say("place", f"found no place to keep machine code ({error}); each run compiles it anew; {_REMEDY}")
+        _say("place", f"found no place to keep machine code ({error}); each run compiles it again; {_REMEDY}")
     return cast("Callable[P, R]", dispatcher)
 
 
@@ -90,7 +90,7 @@ class _Cache(FunctionCache):
         try:
             loaded = super().load_overload(sig, target_context)
         except Exception as error:  # unpickling damaged bytes raises anything
-            what = f"found damaged machine code ({type(error).__name__}); compiling it anew, some seconds"
+            what = f"found damaged machine code ({type(error).__name__}); compiling it again, some seconds"
             _say("compiling", f"{self._cache_path}: {what}")
             with suppress(OSError):
                 Path(self._cache_file._index_path).unlink()
@@ -107,7 +107,7 @@ class _Cache(FunctionCache):
 
 
 def _cache(function: Callable[..., object]) -> _Cache:
-    """Cache beside the package, in the user's cache directory or, where neither can be written, in a temporary one."""
+    """Cache next to the package, else in the user's cache directory, else in a temporary directory."""
     try:
         return _Cache(function)
     except RuntimeError:  # numba's "no locator available"
@@ -118,7 +118,7 @@ def _cache(function: Callable[..., object]) -> _Cache:
 
 
 def _temporary_directory() -> Path:
-    """A directory of ours in the temporary one: code is loaded from there, so nobody else may write to it.
+    """A directory of ours in the temporary one: code is loaded from there, so no other user may write to it.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def _inverse_pivot(unit: float, d: float, row: Array, out: Array) -> None:
 
 @inner
 def _add_compliance(compliance: Array, free: Array, a: Array) -> None:
-    """K⁻¹ + A_jj, and beside it A_jp."""
+    """Return K⁻¹ + A_jj, and next to it A_jp."""
     r, row = len(compliance), 2 * _WIDTH
     for i in range(r):
         for k in range(i, r):
@@ -80,7 +80,7 @@ def _add_compliance(compliance: Array, free: Array, a: Array) -> None:
 
 @inner
 def _turn_into_springs(turn: Array, along: Array, free: Array, a: Array, rest: Array, half: Array) -> None:
-    """Ã and beside it the motion under each load (r, (r + q) rows), and ã, from the receptance without the joint."""
+    """Return Ã, next to it the motion under each load (r, (r + q) rows), and ã, from the receptance without joint."""
     r, q = along.shape
     row = 2 * _WIDTH
     for i in range(r):

@@ -340,7 +340,7 @@ def held_still(eigenvalues: Array, motion: Array, rest: Array, shift: float, wan
     motion, rest
         Motion there in these modes of unit modal mass, shape (batch, m), and other motions, shape (batch, q, m).
     shift, wanted
-        As of `add_springs`.
+        See `add_springs`.
 
     Returns
     -------
