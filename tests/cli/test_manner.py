@@ -276,6 +276,11 @@ def test_validate_tells_of_values_that_are_probably_slips(tmp_path):
         ('\t"12:y",', "data.inputs", 'found "12:y" as entry 2', '"12:y",'),
         ("title = 'a\x1b[31m'", "title", "found", "title = 'a\\x1b[31m'"),
         ("", "title", "found", ""),
+        # the innermost table that stands in the line
+        ('channels = { "b" = { dof = "?" }, "a" = { dof = "?" } }', 'data.channels."a".dof', "found", 'dof = "?"'),
+        ('channels = { "P:1.5:Y+" = "?", "a" = "?" }', 'data.channels."P:1.5:Y+".dof', "found", '"P:1.5:Y+" = "?"'),
+        ("channels = { a = '?', b = '?' }", "data.channels.b.dof", "found", "b = '?'"),
+        ("noise = { relative = 3.0 }", "data.noise.floor", "found", "noise = { relative = 3.0 }"),
     ],
 )
 def test_the_line_of_a_fault_is_shown_with_its_key_and_value_underlined(

@@ -10,7 +10,6 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.cli.files import _structure_in_words
-from jointbayes.cli.output import source_lines
 from tests.conftest import CONFIGS, cheap_text, cli, shipped_text
 
 #: A bar on a spring of 2 kg: one resonance at 225 Hz.
@@ -87,28 +86,6 @@ def test_validate_says_the_structure_in_words(kind, what, names, words):
     recipe = SimpleNamespace(kind=kind, what=what, damping=jb.ModalDamping((0.01,)))
     test = SimpleNamespace(structures=SimpleNamespace(recipe=recipe, names=names), measured_bodies=())
     assert _structure_in_words(test, {"40 × 8 mm": []}) == words
-
-
-@pytest.mark.parametrize(
-    ("row", "key", "marked"),
-    [
-        ('channels = { "b" = { dof = "?" }, "a" = { dof = "?" } }', 'data.channels."a".dof', 'dof = "?"'),
-        ('channels = { "P:1.5:Y+" = "?", "a" = "?" }', 'data.channels."P:1.5:Y+".dof', '"P:1.5:Y+" = "?"'),
-        ("channels = { a = '?', b = '?' }", "data.channels.b.dof", "b = '?'"),
-        ("noise = { relative = 3.0 }", "data.noise.floor", "noise = { relative = 3.0 }"),
-    ],
-)
-def test_the_innermost_table_that_stands_in_the_line_is_underlined(tmp_path, monkeypatch, row, key, marked):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.toml").write_text(row, encoding="utf-8")
-    shown, carets = source_lines(f"a.toml:1: {key}: found; expected; do")
-    assert shown[carets.find("^") : carets.rfind("^") + 1] == marked
-
-
-# ---- another file than the one that is meant, another place than one that is there
-
-
-# ---- words
 
 
 # ---- wrong calls

@@ -205,8 +205,8 @@ def main(context: click.Context) -> None:
     more examples in its own --help.
     """
     if context.invoked_subcommand is None:
-        say("First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example).")
-        say("Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
+        first_step = " ".join((main.help or "").split("\n\n")[1].split()).partition(" Each command")[0]
+        say(first_step, "Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
     # What a library warns of is one line like our own warnings, without the place in its source.
     warnings.showwarning = lambda message, kind, *_args, **_options: warn(str(message), code=kind.__name__)
     # Matplotlib says in three lines that the home directory cannot be written, which costs nothing here.
