@@ -117,8 +117,11 @@ def inspect_file(
     conjugate: bool = False,
     band_hz: Band = (None, None),
     layout: Mapping[str, str] | None = None,
+    resonances: bool = True,
 ) -> Inspection:
-    """Look through a measurement file and fit the resonances of its FRFs: `contents_of`, and then `with_resonances`.
+    """Look through a measurement file and fit the resonances of its FRFs.
+
+    Of a universal file no more than a few records are in memory at once.
 
     Parameters
     ----------
@@ -129,40 +132,12 @@ def inspect_file(
     conjugate
         Whether the complex conjugates of the FRFs are looked at.
     band_hz
-        Lowest and highest frequency at which resonances are sought, Hz; None is the end of the lines.
+        Lowest and highest frequency at which resonances are sought, Hz; None is the end of the lines. The resonances in
+        this band tell whether FRFs are complex conjugates.
     layout
         What the variables of the file stand for, as `vibrecords.formats.iter_records` takes it.
-
-    Raises
-    ------
-    MeasurementError
-        If the file cannot be read.
-    """
-    return with_resonances(contents_of(path, mass_kg, conjugate=conjugate, band_hz=band_hz, layout=layout), band_hz)
-
-
-def contents_of(
-    path: Path,
-    mass_kg: float | None = None,
-    *,
-    conjugate: bool = False,
-    band_hz: Band = (None, None),
-    layout: Mapping[str, str] | None = None,
-) -> Inspection:
-    """Look through a measurement file; of a universal file no more than a few records are in memory at once.
-
-    Parameters
-    ----------
-    path
-        File of any format that is read.
-    mass_kg
-        Mass of the structure if it hangs free, kg, to hold drive points against.
-    conjugate
-        Whether the complex conjugates of the FRFs are looked at.
-    band_hz
-        Band whose resonances tell whether the FRFs are complex conjugates, Hz.
-    layout
-        As in `inspect_file`.
+    resonances
+        Whether resonances are fitted at once; otherwise `with_resonances` does it.
 
     Raises
     ------
@@ -173,14 +148,15 @@ def contents_of(
 
     form = detect_format(path)
     records = (r.conjugate if conjugate and isinstance(r, FrfRecord) else r for r in iter_records(path, layout))
-    return replace(contents_of_records(records, mass_kg, band_hz), source=str(path), form=form)
+    found = replace(contents_of_records(records, mass_kg, band_hz), source=str(path), form=form)
+    return with_resonances(found, band_hz) if resonances else found
 
 
 @np.errstate(all="ignore")  # a file may hold any number
 def contents_of_records(
     records: Iterable[Record], mass_kg: float | None = None, band_hz: Band = (None, None)
 ) -> Inspection:
-    """As `contents_of`, for records that come one by one: each is counted, and a few are kept."""
+    """Look through records that come one by one, without resonances: each is counted, and a few are kept."""
     found, collector = Inspection(), WarningCollector(mass_kg, band_hz)
     averages: set[int] = set()
     coherences: list[tuple[float, float]] = []
@@ -262,7 +238,7 @@ def with_resonances(inspection: Inspection, band_hz: Band = (None, None)) -> Ins
     Parameters
     ----------
     inspection
-        Of `contents_of`.
+        Without resonances.
     band_hz
         As for `inspect_file`.
     """

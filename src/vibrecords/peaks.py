@@ -35,8 +35,11 @@ def resonances_hz(data: Data) -> Array:
     if frfs is None or frfs.frf.n_lines < 3:
         return np.empty(0)
     frequency, receptances = frfs.frf.frequency_hz, frfs.frf.converted("receptance").values
-    pairs = np.ndindex(receptances.shape[1:])
-    roots = [peak for o, i in pairs for peak in _peaks(frfs, receptances[:, o, i], o, i)]
+    ratios, roots = np.abs(frfs.frf.values) / np.sqrt(frfs.variance), []
+    for o, i in np.ndindex(receptances.shape[1:]):
+        values, ratio = receptances[:, o, i], ratios[:, o, i]
+        places = peak_places(frfs, values, o, i)
+        roots += [(_interpolate_frequency(frequency, values, ratio, k), float(ratio[k])) for k in places]
     return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
 
 
@@ -50,14 +53,6 @@ def peak_places(data: FrfData, values: ComplexArray, output: int, input_: int) -
     log_magnitude[~np.isfinite(log_magnitude)] = log_magnitude[np.isfinite(log_magnitude)].min()
     peaks = scipy.signal.find_peaks(log_magnitude, prominence=PROMINENCE)[0]
     return [int(k) for k in peaks if ratio[k] > LEAST_SD]
-
-
-def _peaks(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[tuple[float, float]]:
-    """Frequency in Hz and height over the noise of each peak of one FRF, with its receptance (lines,)."""
-    frequency = data.frf.frequency_hz
-    ratio = np.abs(data.frf.values[:, output, input_]) / np.sqrt(data.variance[:, output, input_])
-    places = peak_places(data, values, output, input_)
-    return [(_interpolate_frequency(frequency, values, ratio, k), float(ratio[k])) for k in places]
 
 
 def _interpolate_frequency(frequency: Array, values: ComplexArray, ratio: Array, peak: int) -> float:

@@ -38,7 +38,7 @@ TARGETS = {
 #: Work that must not begin.
 WORK = (
     "jointbayes.workflow.sample",
-    "vibrecords.inspection.contents_of",
+    "vibrecords.inspection.inspect_file",
     "jointbayes.report.run_directory.write_run",
     "jointbayes.report.run_directory.write_one_page",
     "jointbayes.report.export.export",

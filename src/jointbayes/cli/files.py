@@ -117,7 +117,7 @@ def inspect_command(
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
     from vibrecords.files import write_whole_file
     from vibrecords.formats.written_by import WRITTEN_BY
-    from vibrecords.inspection import contents_of, contents_text, resonances_text, with_resonances
+    from vibrecords.inspection import contents_text, inspect_file, resonances_text, with_resonances
 
     if figure is not None:
         manner().read.append(file)
@@ -125,7 +125,7 @@ def inspect_command(
     if band and not band[0] < band[1]:
         raise CaseError(f"--band: found {band[0]:g} {band[1]:g}; expected LOW below HIGH, in Hz; exchange them")
     band_hz = band or (None, None)
-    inspection = contents_of(file, mass, conjugate=conjugate, band_hz=band_hz, layout=layout)
+    inspection = inspect_file(file, mass, conjugate=conjugate, band_hz=band_hz, layout=layout, resonances=False)
     say(*contents_text(inspection))
     if inspection.frfs:
         show_stage(Progress("fitting resonances", f"{inspection.frfs[0].frequency_hz.size} lines"))

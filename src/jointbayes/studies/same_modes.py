@@ -18,7 +18,7 @@ from jointbayes.errors import ModelError
 from jointbayes.posterior.evidence_table import STRONG, is_close, odds
 from jointbayes.rounding import signed
 from vibrecords.arrays import Array
-from vibrecords.inspection import contents_of, with_resonances
+from vibrecords.inspection import inspect_file
 
 #: Relative standard deviations with which an untouched set-up repeats: temperature, cables, the hand.
 _REPEATS = {"frequencies": 5e-4, "damping ratios": 0.05}
@@ -187,7 +187,7 @@ def _modes(path: Path) -> Array:
     Columns are frequency, its standard deviation, damping ratio, its standard deviation; NaN for an unknown ratio, 0
     for an unknown standard deviation.
     """
-    inspection = with_resonances(contents_of(path))
+    inspection = inspect_file(path)
     rows = [(m.frequency_hz, m.frequency_sd_hz, m.damping_ratio, m.damping_sd) for m in inspection.modes]
     rows = rows or [
         (m.frequency_hz, m.frequency_sd_hz or 0.0, m.damping_ratio or np.nan, m.damping_sd or 0.0)
