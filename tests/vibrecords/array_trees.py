@@ -1,6 +1,8 @@
 """Trees of arrays written as MATLAB 5, MATLAB 7.3, npz and HDF5 files, as MATLAB and others write them."""
 
 import itertools
+import json
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -118,3 +120,34 @@ def write_hdf5(tree, path):
 WRITERS = {"mat": write_mat, "mat73": write_mat73, "npz": write_npz, "hdf5": write_hdf5}
 #: Formats that have arrays of structs, and cells.
 WITH_LISTS = ("mat", "mat73")
+
+#: What arrays.txt says of an array before its name.
+_OF = {"abs": np.abs, "angle": np.angle, "degrees": lambda z: np.angle(z, deg=True), "real": np.real, "imag": np.imag,
+       "dB": lambda z: 20 * np.log10(np.abs(z)), "column": lambda x: x[:, None], "row": lambda x: x[None],
+       "deep": lambda x: x[..., None], "turned": np.transpose, "backwards": lambda x: x[::-1],
+       "sparse": scipy.sparse.csc_matrix}  # fmt: skip
+
+
+def made(told, arrays):
+    """A tree of JSON with these arrays by their names in place of texts such as ``"=column 0.001 abs V"``."""
+    if isinstance(told, dict):
+        return {key: made(value, arrays) for key, value in told.items()}
+    if isinstance(told, list):
+        return [made(value, arrays) for value in told]
+    if not (isinstance(told, str) and told.startswith("=")):
+        return told
+    words = told[1:].split()
+    count = int(words.pop()) if words[-1].isdecimal() else None
+    array = arrays[words.pop()][:count]
+    for word in reversed(words):
+        array = _OF[word](array) if word in _OF else float(word) * array
+    return array
+
+
+def trees(arrays):
+    """Files of arrays.txt by name: the tree, what is told of each record, and the formats that have it."""
+    for part in Path(__file__).with_name("arrays.txt").read_text(encoding="utf-8").split("\n== ")[1:]:
+        head, tree, _, *records = part.rstrip("\n").split("\n")
+        name, _, forms = head.partition(" | ")
+        told = [made(json.loads(record), arrays) for record in records if record]
+        yield name, made(json.loads(tree), arrays), told, forms.split() or [*WRITERS]

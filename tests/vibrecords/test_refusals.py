@@ -1,11 +1,14 @@
 """Files that are refused: each by one line that names the place and what was found there. The table is refusals.txt."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
+from tests.vibrecords.array_trees import made
 from tests.vibrecords.reading import refusal
+from tests.vibrecords.test_array_layouts import ARRAYS
 from vibrecords.formats import iter_records, read_frf
 
 _CONTROL = {b"n": b"\n", b"t": b"\t", b"r": b"\r"}
@@ -24,7 +27,9 @@ def rows():
         head, _, faults = part.partition("--\n")
         name, _, base = head.partition("\n")
         for row in filter(None, faults.split("\n")):
-            yield pytest.param(base.encode(), *row.rsplit(" ;; ", 2), id=f"{name}: {row[:60]}")
+            yield pytest.param(
+                None if name == "arrays" else base.encode(), *row.rsplit(" ;; ", 2), id=f"{name}: {row[:60]}"
+            )
 
 
 def faulty(content, changes):
@@ -42,6 +47,9 @@ def read(path):
 
 @pytest.mark.parametrize(("base", "changes", "where", "found"), [*rows()])
 def test_a_fault_is_one_line_with_its_place_and_what_was_found(tmp_path, base, changes, where, found):
-    place, path = f"{where}: " * bool(where), tmp_path / "measurement"
-    message = refusal(path, faulty(base, changes), re.escape(f"{place}found {raw(found).decode()}"), read=read)
-    assert message.startswith(f"{path}: {place}found ")
+    path, content = (
+        tmp_path / "measurement",
+        faulty(base, changes) if base is not None else made(json.loads(changes), ARRAYS),
+    )
+    message = refusal(path, content, re.escape(raw(found).decode()), read=read)
+    assert message.startswith(f"{path}: {where}: found " if where else f"{path}: found ")
