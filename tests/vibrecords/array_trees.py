@@ -144,9 +144,9 @@ def made(told, arrays):
     return array
 
 
-def trees(arrays):
-    """Files of arrays.txt by name: the tree, what is told of each record, and the formats that have it."""
-    for part in Path(__file__).with_name("arrays.txt").read_text(encoding="utf-8").split("\n== ")[1:]:
+def trees(arrays, table="arrays"):
+    """Files of arrays.txt or another table by name: the tree, what is told of each record, and the formats."""
+    for part in Path(__file__).with_name(f"{table}.txt").read_text(encoding="utf-8").split("\n== ")[1:]:
         head, tree, _, *records = part.rstrip("\n").split("\n")
         name, _, forms = head.partition(" | ")
         told = [made(json.loads(record), arrays) for record in records if record]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import scipy.io
 
-from tests.vibrecords.array_trees import WRITERS
+from tests.vibrecords.array_trees import WRITERS, trees
 from tests.vibrecords.made_files import matlab_4
-from tests.vibrecords.reading import put, records_of, refusal
+from tests.vibrecords.reading import put, records_of, refusal, require
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf, restate_history, unknown_sides
 from vibrecords.records import FrfRecord, TimeRecord
 
@@ -36,7 +36,7 @@ def hdf5(path, tree):
             if isinstance(value, dict):
                 add(group.create_group(name), value)
                 continue
-            array, attributes = value if isinstance(value, tuple) else (value, {})
+            array, attributes = value if isinstance(value, (list, tuple)) else (value, {})
             group[name] = array
             for key, text in attributes.items():
                 group[name].attrs[key] = text
@@ -52,93 +52,38 @@ def packed(values, step, offset=0.0):
     return np.round((values - offset) / step).astype("i4")
 
 
-#: Name: data sets with attributes, and what is in them: the FRF in m/N, or histories in N and m/s², or what is asked.
-FRF_FILES = {
-    "mm/N": {"f": LINES, "frf": (1000 * H, {"unit": "mm/N"})},
-    "units in capitals": {"f": LINES, "frf": (1e6 * H, {"Units": "um/N"})},
-    "unit_string": {"f": LINES, "H": (H * 4.4482216152605, {"unit_string": "m/lbf"})},
-    "bytes": {"f": LINES, "H": (1000 * H, {"UNIT": np.bytes_("mm/N")})},
-    "kilohertz": {"f": (LINES / 1000, {"unit": "kHz"}), "H": (H, {"unit": "m/N"})},
-    "rad/s": {"f": (LINES * 2 * np.pi, {"units": "rad/s"}), "H": (H, {"unit": "m/N"})},
-    "degrees": {"f": LINES, "mag": (1000 * abs(H), {"unit": "mm/N"}), "phase": (np.angle(H, True), {"unit": "deg"})},
-    "radians": {"f": LINES, "mag": (1000 * abs(H), {"unit": "mm/N"}), "phase": (np.angle(H), {"unit": "rad"})},
-    "scale_factor": {"f": LINES, "H": (H / 1e-9, {"units": "m/N", "scale_factor": 1e-9})},
-    "scale_factor in text": {"f": LINES, "H": (H / 1e-9, {"units": "m/N", "scale_factor": "1e-9"})},
+W = np.random.default_rng(52).normal(size=(128, 2))
+ARRAYS = {"F": LINES, "H": H, "C": COHERENCE, "T": TIME, "A": FORCE, "B": MOTION, "W": W, "W1": W[:, 0], "W2": W[:, 1]}
+ARRAYS |= {"RI": np.column_stack([H.real, H.imag]), "FRI": np.column_stack([LINES, H.real, H.imag])}
+ARRAYS |= {"FH": np.column_stack([LINES, H]), "TB": np.column_stack([TIME, MOTION])}
+ARRAYS |= {"TAB": np.column_stack([TIME, FORCE, MOTION]), "LAB": np.column_stack([5 + TIME, FORCE, MOTION])}  # and late
+ARRAYS |= {"TABBB": np.column_stack([TIME, FORCE, MOTION, 2 * MOTION, -MOTION])}
+ATTRIBUTES = {name: (tree, told, kind) for name, tree, told, (kind,) in trees(ARRAYS, "attributes")}
+SCALED = {"scale_factor": 1e-12, "units": "m/N"}
+FRF_FILES = {name: tree for name, (tree, _, kind) in ATTRIBUTES.items() if kind == "FRF"} | {
+    "bytes": {"f": LINES, "H": [1000 * H, {"UNIT": np.bytes_("mm/N")}]},
     "scale and offset of both parts": {
         "f": LINES,
-        "real": (packed(H.real, 1e-12, 1e-4), {"units": "m/N", "scale_factor": 1e-12, "add_offset": 1e-4}),
-        "imag": (packed(H.imag, 1e-12), {"units": "m/N", "scale_factor": 1e-12}),
+        "real": [packed(H.real, 1e-12, 1e-4), SCALED | {"add_offset": 1e-4}],
+        "imag": [packed(H.imag, 1e-12), SCALED],
     },
-    "axis by attributes": {"H": (H, {"unit": "m/N", "df": 2.0, "f_start": 2.0})},
-    "averages at the data set": {"f": LINES, "H": (H, {"unit": "m/N", "averages": 5}), "coherence": COHERENCE},
-    "group unit, own unit": {"": {"unit": "g/N"}, "f": LINES, "H": (1000 * H, {"unit": "mm/N"})},
-    "LabVIEW's waveform": {
-        "H": (H, {"unit_string": "m/N", "wf_increment": 2.0, "wf_start_offset": 2.0, "wf_xname": "Frequency"})
-    },
-    "units of both axes": {"f": LINES / 1000, "H": 1000 * H, "xunit": "kHz", "Yunits": "mm/N"},
-    "a struct of units": {"f": LINES, "H": 1000 * H, "units": {"H": "mm/N", "f": "Hz"}},
-    "a fill value": {"f": LINES, "H": (H, {"unit": "m/N", "_FillValue": np.nan})},
 }
-HISTORIES = {
-    "kN and g": {"fs": RATE, "force": (FORCE / 1000, {"units": "kN"}), "acceleration": (MOTION / G, {"units": "g"})},
-    "rate at each data set": {
-        "force": (FORCE, {"unit": "N", "fs": RATE}),
-        "acceleration": (MOTION, {"unit": "m/s^2", "fs": RATE}),
-    },
-    "step at each data set": {
-        "force": (FORCE, {"unit": "N", "dt": 1 / RATE}),
-        "acceleration": (MOTION / G, {"unit": "g", "dt": 1 / RATE}),
-    },
-    "rate in text": {
-        "force": (FORCE, {"unit": "N", "SampleRate": "1024 Hz"}),
-        "acceleration": (MOTION, {"unit": "m/s^2"}),
-    },
-    "LabVIEW's waveforms": {
-        "force": (FORCE, {"unit_string": "N", "wf_increment": 1 / RATE, "wf_start_offset": 0.5}),
-        "acceleration": (MOTION / G, {"NI_UnitDescription": "g", "wf_increment": 1 / RATE}),
-    },
-    "a group for each channel": {
-        "hammer": {"data": (FORCE / 1000, {"unit": "kN", "fs": RATE})},
-        "tip": {"data": (MOTION / G, {"unit": "g", "fs": RATE})},
-    },
-    "instants in ms": {
-        "time": (1000 * TIME, {"units": "ms"}),
-        "force": (FORCE, {"units": "N"}),
-        "acceleration": (MOTION, {}),
-    },
-    "instants since a day": {
-        "time": (TIME, {"units": "seconds since 2026-01-01 00:00:00"}),
-        "force": (FORCE, {"units": "N"}),
-        "acceleration": (MOTION / G, {"units": "g"}),
-    },
+HISTORIES = {name: tree for name, (tree, _, kind) in ATTRIBUTES.items() if kind == "histories"} | {
     "packed": {
         "fs": RATE,
-        "force": (packed(FORCE, 1e-6), {"units": "N", "scale_factor": 1e-6}),
-        "acceleration": (packed(MOTION, 1e-8, 3.0), {"units": "m/s^2", "scale_factor": 1e-8, "add_offset": 3.0}),
+        "force": [packed(FORCE, 1e-6), {"units": "N", "scale_factor": 1e-6}],
+        "acceleration": [packed(MOTION, 1e-8, 3.0), {"units": "m/s^2", "scale_factor": 1e-8, "add_offset": 3.0}],
     },
     "units of columns": {
         "fs": RATE,
-        "samples": (
+        "samples": [
             np.column_stack([FORCE / 4.4482216152605, MOTION / G]),
             {"units": ["lbf", "g"], "channels": ["force", "acceleration"]},
-        ),
-    },
-    "unit and quantity of any name": {
-        "fs": RATE,
-        "response": (MOTION / G, {"unit": "g", "quantity": "acceleration"}),
-        "force": (FORCE, {"unit": "N"}),
+        ],
     },
 }
 #: What the numbers may have or not: the unit is open, and the case asks.
-OPEN = {
-    "gain": ({"f": LINES, "H": (H, {"unit": "m/N", "gain": 0.5})}, "(attribute gain: applied?) m/N"),
-    "offset": ({"fs": RATE, "force": (FORCE, {"unit": "N", "offset": 3.0})}, "(attribute offset: applied?) N"),
-    "scale of a group": (
-        {"": {"scale_factor": 0.5, "unit": "m/N"}, "f": LINES, "H": H}, "(scale_factor: applied?) m/N"),
-    "scale without unit": ({"fs": RATE, "force": (FORCE, {"Scale": 1e3})}, "(attribute scale: applied?)"),
-    "calibration": ({"fs": RATE, "force": (FORCE, {"unit": "V", "calibration": "cal_7"})},
-                    "(attribute calibration: applied?) V"),
-}  # fmt: skip
+OPEN = {name: (tree, *unit) for name, (tree, unit, kind) in ATTRIBUTES.items() if kind == "open"}
 
 
 @pytest.mark.parametrize("name", FRF_FILES)
@@ -203,61 +148,7 @@ def test_attributes_that_change_nothing_and_those_that_are_wrong(tmp_path):
 
 SIZE, PHASE = np.abs(H), np.angle(H)
 LONG = np.random.default_rng(52).normal(size=(500_000, 2))
-DEWESOFT = {
-    "Sample_rate": 1024.0,
-    "Data1_MT_Ave_Count": np.int64(5),
-    "Data1_X_MT_FRF_H1_2Zplus_1Zplus_Ampl": LINES,
-    "Data1_MT_FRF_H1_2Zplus_1Zplus_Ampl": SIZE,
-    "Data1_X_MT_FRF_H1_2Zplus_1Zplus_Phase": LINES,
-    "Data1_MT_FRF_H1_2Zplus_1Zplus_Phase": PHASE,
-    "Data1_X_MT_Coherence_2Zplus_1Zplus": LINES,
-    "Data1_MT_Coherence_2Zplus_1Zplus": COHERENCE,
-}
-TWO_ESTIMATORS = DEWESOFT | {name.replace("H1", "H2"): value for name, value in DEWESOFT.items() if "_FRF_H1" in name}
-HITS = {"force": FORCE, "response": MOTION}
-#: Name: what the file holds, and what is read when the first advice of the refusal is pasted as it stands: an FRF with
-#: or without its coherence, or histories.
-ASKED = {
-    "DEWESoft's modal test": (DEWESOFT, "frf with coherence"),
-    "DEWESoft's two estimators": (TWO_ESTIMATORS, "frf with coherence"),
-    "a phase in radians": ({"f": LINES, "mag": SIZE, "phase": PHASE, "coh": COHERENCE}, "frf with coherence"),
-    "a phase in radians, in a struct": ({"run": {"f": LINES, "mag": SIZE, "phase": PHASE}}, "frf"),
-    "decibels below 0": ({"f": LINES, "H_mag": 20 * np.log10(SIZE), "H_phase_rad": PHASE, "coh": COHERENCE},
-                         "frf with coherence"),
-    "a matrix of t, F, x": ({"Data": np.column_stack([TIME, FORCE, MOTION])}, HITS),
-    "a matrix of t, F, x on its side": ({"Data": np.vstack([TIME, FORCE, MOTION])}, HITS),
-    "a matrix of t, x": ({"Data": np.column_stack([TIME, MOTION])}, {"response": MOTION}),
-    "a matrix of t from 5 s on": ({"Data": np.column_stack([5 + TIME, FORCE, MOTION])}, HITS),
-    "a matrix of t, F, x, x, x": (
-        {"Data": np.column_stack([TIME, FORCE, MOTION, 2 * MOTION, -MOTION])},
-        {"channel 1": FORCE, "channel 2": MOTION, "channel 3": 2 * MOTION, "channel 4": -MOTION}),
-    "t, F, x in a struct": ({"test": {"Data": np.column_stack([TIME, FORCE, MOTION])}}, HITS),
-    "500 000 samples of two channels": ({"result": LONG}, {"channel 1": LONG[:, 0], "channel 2": LONG[:, 1]}),
-    "500 000 samples and their rate": (
-        {"result": LONG, "fs": RATE}, {"channel 1": LONG[:, 0], "channel 2": LONG[:, 1]}),
-    "one channel without a name": ({"rec": LONG[:, 0]}, {"response": LONG[:, 0]}),
-    "a force without a rate": ({"force": FORCE, "response": MOTION}, HITS),
-    "instants without a name": ({"q": TIME, "hammer_x": FORCE, "acc_tip": MOTION},
-                                {"hammer_x": FORCE, "acc_tip": MOTION}),
-    "a matrix of f, real, imaginary": ({"Data": np.column_stack([LINES, H.real, H.imag])}, "frf"),
-    "a matrix of f, real, imaginary on its side": ({"Data": np.vstack([LINES, H.real, H.imag])}, "frf"),
-    "a complex matrix of f, H": ({"Data": np.column_stack([LINES, H])}, "frf"),
-    "an FRF of two columns": ({"H": np.column_stack([H.real, H.imag]), "f": LINES}, "frf"),
-    "two columns over a step": ({"measured": np.column_stack([H.real, H.imag]), "df": 2.0, "f_start": 2.0}, "frf"),
-    "lines without a name": ({"H": H, "abc": LINES, "coh": COHERENCE}, "frf with coherence"),
-    "lines and FRF without names": ({"abc": LINES, "def": H}, "frf"),
-    "parts without names": ({"abc": LINES, "de": H.real, "fg": H.imag}, "frf"),
-    "a part without a name": ({"f": LINES, "H": H.real, "rest": H.imag, "coh": COHERENCE}, "frf with coherence"),
-    "two estimates": ({"f": LINES, "H1": H, "H2": 0.9 * H, "coh": COHERENCE}, "frf with coherence"),
-    "two clocks": ({"fs": 512.0, "t": TIME, "x": MOTION}, {"x": MOTION}),
-    "a rate and an interval": ({"dt": 1 / RATE, "fs": 512.0, "x": MOTION}, {"x": MOTION}),
-    "Test.Lab's function without an axis unit": ({"A": {
-        "x_values": {"start_value": 2.0, "increment": 2.0, "number_of_values": 64.0, "quantity": {"label": ""}},
-        "y_values": {"values": H[:, None], "quantity": {"label": "rpm"}},
-        "function_record": {"name": "Function a", "type": "Function"}}}, "frf"),
-    "an axis w": ({"w": 2 * np.pi * LINES, "H": H}, "frf"),
-    "two axes": ({"f": LINES, "freq": 2 * LINES, "H": H}, "frf"),
-}  # fmt: skip
+ASKED = {name: (tree, told) for name, tree, told, _ in trees(ARRAYS, "asked")}
 
 
 def advice(message):
@@ -269,30 +160,23 @@ def advice(message):
 @pytest.mark.parametrize("form", ["mat", "hdf5"])
 @pytest.mark.parametrize("name", ASKED)
 def test_advice_is_enough_when_it_is_followed(tmp_path, name, form):
-    tree, expected = ASKED[name]
+    tree, told = ASKED[name]
     WRITERS[form](tree, tmp_path / "a")
     records = records_of(tmp_path / "a", **advice(refusal(tmp_path / "a", None, "write ")))
-    if isinstance(expected, dict):
-        assert {type(record) for record in records} == {TimeRecord}
-        assert {record.channel for record in records} == expected.keys()
-        for record in records:
-            np.testing.assert_allclose(record.values, expected[record.channel], rtol=1e-12)
-            assert record.sample_rate_hz == pytest.approx(RATE)
-        return
-    (frf,) = records
-    np.testing.assert_allclose(frf.values, H, rtol=1e-9)
-    np.testing.assert_allclose(frf.frequency_hz, LINES, rtol=1e-12)
-    if expected == "frf with coherence":
-        np.testing.assert_allclose(frf.coherence, COHERENCE)
-    else:
-        assert frf.coherence is None
-    if tree is DEWESOFT:
+    of_frf = {"type": FrfRecord, "frequency_hz": LINES}
+    of_time = {"type": TimeRecord, "sample_rate_hz": RATE}
+    expected = [each | (of_frf if each["type"] == "FRF" else of_time) for each in told]
+    records.sort(key=lambda record: getattr(record, "channel", ""))  # groups of HDF5 are by name
+    require(records, sorted(expected, key=lambda each: each.get("channel", "")), rtol=1e-9)
+    if name == "DEWESoft's modal test":
+        (frf,) = records
         assert (frf.response, frf.reference, frf.averages) == ("2:Z+", "1:Z+", 5)
 
 
 def test_the_phase_of_several_frfs_is_answered_once_and_in_degrees_too(tmp_path):
-    second = {name.replace("2Zplus", "3RXminus"): value for name, value in DEWESOFT.items() if "2Zplus" in name}
-    path = put(tmp_path / "a", DEWESOFT | second)
+    dewesoft = ASKED["DEWESoft's modal test"][0]
+    second = {name.replace("2Zplus", "3RXminus"): value for name, value in dewesoft.items() if "2Zplus" in name}
+    path = put(tmp_path / "a", dewesoft | second)
     for key, turned in (("phase_rad", np.exp(1j * PHASE)), ("phase_deg", np.exp(1j * np.deg2rad(PHASE)))):
         records = records_of(path, **{key: "Data1_MT_FRF_H1_2Zplus_1Zplus_Phase"})
         assert [record.response for record in records] == ["2:Z+", "3:RX-"]
