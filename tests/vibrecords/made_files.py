@@ -65,30 +65,15 @@ def binary_58(ordinate, order="<", *, newline="\n", tail=b"", **how):
     return newline.join([*head, ""]).encode() + body + tail + f"    -1{newline}".encode()
 
 
-def mode_55(
-    shape,
-    stated=(52.5, 2.0, 0.012, 0.0),
-    *,
-    analysis=2,
-    motion=8,
-    kind=None,
-    number=3,
-    ids=("NONE",) * 5,
-    per_node=None,
-    counts=None,
-):
+def mode_55(shape, stated=(52.5, 2.0, 0.012, 0.0), *, analysis=2, number=3, ids=("NONE",) * 5, per_node=3, counts=None):
     """Text of one data set 55, as the format describes it: `shape` has a row of values for each node's number."""
     rows = {node: np.asarray(row) for node, row in shape.items()}
     complex_ = any(np.iscomplexobj(row) for row in rows.values())
-    per_node = per_node or (rows[next(iter(rows))].size if rows else 3)
-    characteristic = {1: 1, 3: 2, 6: 3}.get(per_node, 0)
     lines = ["    -1", f"{55:6d}", *ids]
-    definition = (1, analysis, characteristic, motion, kind or (5 if complex_ else 2), per_node)
-    lines.append("".join(f"{x:10d}" for x in definition))
-    lines.append("".join(f"{x:10d}" for x in (counts or (2, len(stated), 1, number))))
+    definition = (1, analysis, {3: 2, 6: 3}[per_node], 8, 5 if complex_ else 2, per_node)
+    lines += ["".join(f"{x:10d}" for x in some) for some in (definition, counts or (2, len(stated), 1, number))]
     for numbers, node in ((np.array(stated), None), *((row, node) for node, row in rows.items())):
-        if node is not None:
-            lines.append(f"{node:10d}")
+        lines += [f"{node:10d}"] if node is not None else []
         numbers = numbers.astype(complex).view(float) if complex_ and node is not None else numbers
         cells = [f"{x:13.5E}" for x in numbers]
         lines += ["".join(cells[i : i + 6]) for i in range(0, len(cells), 6)]
@@ -116,42 +101,21 @@ def matlab_4(order="<", kind=0, **arrays):
 STEP = 1 / 2048
 
 
-def lvm(names, columns, header, *, layout="One", decimal=".", comment="", separator="Tab", stated=True):
+def lvm(names, columns, header, *, layout="One", separator="Tab", stated=True):
     """A file in National Instruments' specification for the LabVIEW measurement file, of one segment."""
-    sep = {"Tab": "\t", "Comma": ","}[separator]
-    lines = [
-        f"LabVIEW Measurement{sep}",
-        f"Writer_Version{sep}{'2' if stated else '0.92'}",
-        f"Separator{sep}{separator}",
-        *([f"Decimal_Separator{sep}{decimal}"] if stated else []),
-        f"Multi_Headings{sep}Yes",
-        f"X_Columns{sep}{layout}",
-        f"Time_Pref{sep}Absolute",
-        f"Date{sep}2026/02/03",
-        f"Time{sep}09:51:39{decimal}19705",
-        f"***End_of_Header***{sep}",
-        sep,
-    ]
-    return "\n".join(lines) + "\n" + segment(names, columns, header, layout, decimal, comment, sep) + "\n"
-
-
-def segment(names, columns, header, layout="One", decimal=".", comment="", sep="\t"):
-    n = len(names)
-
-    def cells(values):
-        spread = [cell for value in values for cell in (value, "")] if layout == "Multi" else values
-        return sep.join(map(str, spread))
-
-    lines = [f"Channels{sep}{n}" + sep * (2 * n if layout == "Multi" else n)]
-    lines += [f"{key}{sep}{cells(values)}{sep}".replace(".", decimal) for key, values in header.items()]
+    sep, multi, n = {"Tab": "\t", "Comma": ","}[separator], layout == "Multi", len(names)
+    about = {"LabVIEW Measurement": "", "Writer_Version": "2" if stated else "0.92", "Separator": separator}
+    about |= {"Decimal_Separator": "."} if stated else {}
+    about |= {"X_Columns": layout, "Date": "2026/02/03", "Time": "09:51:39.19705", "***End_of_Header***": ""}
+    lines = [*(f"{key}{sep}{value}" for key, value in about.items()), sep, f"Channels{sep}{n}" + sep * n]
+    for key, values in header.items():
+        cells = [cell for value in values for cell in (value, "")] if multi else values
+        lines.append(sep.join(map(str, [key, *cells])) + sep)
     lines.append("***End_of_Header***" + sep * (n + 1))
-    lines.append(
-        sep.join(["X_Value", *(f"{sep}X_Value{sep}" if layout == "Multi" else sep).join(names).split(sep), "Comment"])
-    )
-    size = max(len(c) for c in columns)
-    for i in range(size):
-        cells_ = ["" if i >= len(c) or c[i] is None else repr(float(c[i])).replace(".", decimal) for c in columns]
-        lines.append(sep.join(cells_) + (f"{sep}{comment}" if comment and i == 0 else ""))
+    axes = [cell for name in names for cell in ("X_Value", name)] if multi else ["X_Value", *names]
+    lines.append(sep.join([*axes, "Comment"]))
+    for i in range(max(map(len, columns))):
+        lines.append(sep.join("" if i >= len(c) or c[i] is None else repr(float(c[i])) for c in columns))
     return "\n".join(lines) + "\n"
 
 

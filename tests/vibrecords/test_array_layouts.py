@@ -51,7 +51,7 @@ NUMBERED = tuple(f"no {side}puts named in the file, numbered instead" for side i
 ONE = [frf("output 1", "input 1")]
 ARRAYS = {"F": F, "H": H, "V": V, "V2": H[:, 1], "V3": H[:, 2], "C": C, "T": T, "X": X, "X1": X[:, 0], "X2": X[:, 1]}
 ARRAYS |= {"U": F**1.5, "S": T**2, "D": 739371.5 + T / 86400, "J": F + 1j, "I": np.eye(3)}  # uneven, in days, complex
-ARRAYS |= {"XX": np.column_stack([X, X[:, 0]])}
+ARRAYS |= {"XX": np.column_stack([X, X[:, 0]]), "FN": np.array([3.0, 17.0, 80.0]), "XI": np.full(3, 0.01), "PHI": H[:4]}
 _KINDS = {"FRF": FrfRecord, "time": TimeRecord, "spectrum": SpectrumRecord, "coherence": CoherenceRecord}
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tests.vibrecords.array_trees import WRITERS
-from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records
 from vibrecords.records import ModeRecord
 
@@ -49,20 +48,3 @@ def test_what_has_two_readings_is_not_taken_and_noted(tmp_path, changes, said):
         assert said in mode.notes
         assert mode.damping_ratio is None or "Xi" not in said
         assert mode.frequency_sd_hz is None or "cov" not in said
-
-
-@pytest.mark.parametrize(("changes", "said"), [
-    ({"Xi": XI[:2]}, "'xi': 2"),
-    ({"Fn_std": FN[:1]}, "'fn_std': 1"),
-    ({"Phi": PHI[:, :2]}, r"shapes 'Phi' of shape \(4, 2\); expected one of each for each of 3 modes"),
-    ({"Phi": PHI[None]}, r"of shape \(1, 4, 3\)"),
-    ({"Fn": -FN}, "found no frequencies; expected 0 to"),
-    ({"Fn": FN * np.nan}, "found no frequencies"),
-    ({"Fn": FN * 1j}, "'Fn': found complex numbers; expected real numbers"),
-    ({"channels": np.array(["a", "b"])}, "'Phi': found 2 channels for 4 rows; expected one for each"),
-    ({"channels": np.array(["a", "a", "b", "c"])}, "found 4 channels for 4 rows"),
-])  # fmt: skip
-def test_modes_that_do_not_agree_are_refused_in_one_line(tmp_path, changes, said):
-    with pytest.raises(MeasurementError, match=said) as caught:
-        save(tmp_path / "a", "npz", WHOLE | changes)
-    assert "\n" not in str(caught.value)

@@ -58,23 +58,6 @@ def test_hdf5_groups_are_blocks_and_attributes_count(tmp_path):
     assert {(r.quantity, r.averages) for r in found} == {("mobility", 3)}
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"frf": H[:3]}, r"found shape \(3, 3, 2\); expected \(lines, outputs, inputs\) with 4 lines"),
-    ({"outputs": ["a", "b", "b"]}, "found 3 labels, 2 different; expected 3"),
-    ({"outputs": [1.0, 2.0, 3.0]}, "expected text"),
-    ({"averages": 2.5}, "expected one whole number from 1 to 1000000"),
-    ({"averages": [3.0, 4.0]}, "expected one whole number from 1 to 1000000"),
-    ({"coherence": np.ones((4, 3, 1))}, r"found shape \(4, 3, 1\); expected \(4, 3, 2\)"),
-    ({"samples": np.ones((5, 2)), "fs": 1.0, "quantities": ["force", "love"]}, "found 'love'; expected one of force, "),
-])  # fmt: skip
-def test_arrays_that_do_not_fit_are_told(tmp_path, change, message):
-    arrays = {"frequency_hz": LINES, "frf": H} | change
-    save_npz(tmp_path / "a", **{name: np.asarray(value) for name, value in arrays.items() if value is not None})
-    with pytest.raises(MeasurementError, match=message) as caught:
-        list(iter_records(tmp_path / "a"))
-    assert "\n" not in str(caught.value)
-
-
 def test_npz_members_that_are_no_arrays_are_told(tmp_path):
     save_npz(tmp_path / "a", f=LINES)
     with zipfile.ZipFile(tmp_path / "a", "a") as archive:

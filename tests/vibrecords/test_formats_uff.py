@@ -117,12 +117,6 @@ def test_units_of_the_axes(tmp_path, units, kinds, factor, quantity, written):
     assert bool(record.notes) == (factor != 1 or "EU" in written)
 
 
-def test_axis_types_that_contradict_the_unit_are_told(tmp_path):
-    record = only(tmp_path / "a", function_58(H, kinds=("frequency", "displacement", "force")))
-    assert record.quantity == "receptance"
-    assert record.notes == ("axis types say receptance, the unit (m/s^2)/N says accelerance",)
-
-
 def test_data_set_164_counts_where_the_axes_have_no_unit(tmp_path):
     inch = header_164(39.37007874015748, 0.22480894309971, 7, "Inch (pound f)")
     bare = function_58(H, units=("Hz", "NONE", "NONE"))

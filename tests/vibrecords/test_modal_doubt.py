@@ -254,12 +254,3 @@ def test_data_of_files_note_what_was_not_counted_as_a_mode():
     assert [round(mode.frequency_hz) for mode in modes] == [210]
     assert note.startswith("Not counted as a mode: 7")
     assert note.endswith("a coherence dip; measure it at a lower level.")
-
-
-def test_many_frfs_are_fitted_a_few_at_a_time(monkeypatch):
-    frf, variance = plate_frf(np.random.default_rng(3), responses=14)
-    whole = fit_modes(frf, variance, f_max_hz=250.0)
-    monkeypatch.setattr("vibrecords.modal_fit._MOST_VALUES", 1)
-    few = fit_modes(frf, variance, f_max_hz=250.0)  # poles of six, then 6, 6 and 2 at a time
-    np.testing.assert_allclose(few.values, whole.values, atol=3e-2 * np.abs(whole.values).max())
-    assert few.misfit == pytest.approx(whole.misfit, rel=0.02)

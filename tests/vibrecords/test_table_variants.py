@@ -462,12 +462,3 @@ def test_spectra_alone_are_refused_and_their_quotient_is_the_frf(tmp_path):
     quotient = cross / force
     frf = of_case(tmp_path, table(["Real [m/s^2/N]", "Imag [m/s^2/N]"], quotient.real, quotient.imag))
     np.testing.assert_allclose(frf.values[:, 0, 0], H, rtol=1e-9)
-
-
-def test_a_column_of_small_steps_is_what_the_layout_says(tmp_path):
-    x = 5 + 0.005 * np.arange(500)
-    text = "".join(f"{t:.6g},{y:.6g}\n" for t, y in zip(x, RNG.normal(size=500), strict=True))
-    with pytest.raises(MeasurementError, match='say `axis = "time"` or `axis = "frequency_hz"`'):
-        records_of(tmp_path / "a.csv", text)
-    (record,) = records_of(tmp_path / "a.csv", text, axis="time")
-    assert record.sample_rate_hz == pytest.approx(200)

@@ -95,21 +95,6 @@ def test_matlab_4_is_as_scipy_writes_it_and_one_line_where_it_is_cut(tmp_path):
             records_of(tmp_path / "b")
 
 
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("name", ["H00", "measured"])
-@pytest.mark.parametrize("axis", [False, True])
-def test_real_matrices_of_two_and_three_columns_say_how_they_are_named(tmp_path, turned, name, axis):
-    matrix = np.column_stack([F, V.real, V.imag][not axis :])
-    beside = {} if axis else {"df": 2.5, "f_start": 2.5}
-    path = saved(tmp_path / "a", **{name: matrix.T if turned else matrix}, **beside)
-    keys = ["frequency_hz", "real", "imaginary"][not axis :]
-    layout = {key: f"{name}({f'{i},:' if turned else f':,{i}'})" for i, key in enumerate(keys, start=1)}
-    with pytest.raises(MeasurementError) as error:
-        records_of(path)
-    assert ", ".join(f'{key} = "{value}"' for key, value in layout.items()) in str(error.value)
-    require_frf(one(path, **layout))
-
-
 @pytest.mark.parametrize(("label", "said"), [("g/N", (("g", 9.80665), ("m/s^2", 1.0))), ("g", (("g", 9.80665),))])
 def test_a_unit_that_test_lab_leaves_open_is_asked_of_its_channel_and_the_answer_taken(tmp_path, label, said):
     is_frf = "/" in label
