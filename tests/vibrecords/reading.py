@@ -80,7 +80,13 @@ def records_of(path, content=None, **layout):
     return list(iter_records(put(path, content), layout))
 
 
-def refusal(path, content, expected="", layout=None, read=None):
+def only(path, content=None, **layout):
+    """The one record of a file of this content."""
+    (record,) = records_of(path, content, **layout)
+    return record
+
+
+def refusal(path, content=None, expected="", layout=None, read=None):
     """The one line by which a file with this content, bytes, text or a tree of arrays, is refused."""
     put(path, content)
     with pytest.raises(MeasurementError) as caught:
@@ -88,7 +94,7 @@ def refusal(path, content, expected="", layout=None, read=None):
     message = str(caught.value)
     assert message.startswith(f"{path}: "), message
     assert re.search(expected, message), message
-    assert "\n" not in message
+    assert message.isprintable()
     assert "expected" in message
     assert len(message) < 1200
     return message

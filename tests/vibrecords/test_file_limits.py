@@ -13,7 +13,7 @@ from benchmarks import written_files
 
 from tests.vibrecords.broken_files import FRF, npz_bytes
 from tests.vibrecords.made_files import function_58, head, lvm
-from tests.vibrecords.reading import put
+from tests.vibrecords.reading import put, refusal
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError
 from vibrecords.formats import (
@@ -33,15 +33,6 @@ from vibrecords.inspection import contents_of_records, inspect_file
 from vibrecords.records import FrfRecord, TimeRecord
 
 LINES = np.arange(1.0, 13.0)
-
-
-def refusal(path):
-    with pytest.raises(MeasurementError) as caught:
-        list(iter_records(path))
-    message = str(caught.value)
-    assert message.isprintable()
-    assert "expected" in message
-    return message
 
 
 # ---- paths

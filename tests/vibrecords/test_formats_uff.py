@@ -8,7 +8,7 @@ import pyuff
 from benchmarks.written_files import write_frf
 
 from tests.vibrecords.made_files import function_58, header_164
-from tests.vibrecords.reading import records_of
+from tests.vibrecords.reading import only, records_of
 from vibrecords import FrfSet
 from vibrecords.errors import MeasurementError
 from vibrecords.formats import iter_records, read_frf
@@ -16,11 +16,6 @@ from vibrecords.records import FrfRecord, TimeRecord
 
 RNG = np.random.default_rng(3)
 H = RNG.normal(size=23) + 1j * RNG.normal(size=23)
-
-
-def only(path, text):
-    (record,) = records_of(path, text)
-    return record
 
 
 @pytest.mark.parametrize("single", [True, False])
