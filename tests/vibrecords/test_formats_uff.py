@@ -94,24 +94,6 @@ def test_a_delimiter_within_binary_values_ends_nothing(tmp_path):
     assert record.values.tobytes() == bytes_
 
 
-@pytest.mark.parametrize(("units", "kinds", "factor", "quantity", "written"), [
-    (("Hz", "m/s^2", "N"), ("frequency", "acceleration", "force"), 1.0, "accelerance", "(m/s^2)/N"),
-    (("Hz", "g", "N"), ("frequency", "acceleration", "force"), 9.80665, "accelerance", "g/N"),
-    (("Hz", "g", "lbf"), ("frequency", "none", "none"), 9.80665 / 4.4482216152605, "accelerance", "g/lbf"),
-    (("Hz", "mm/s", "N"), ("frequency", "velocity", "force"), 1e-3, "mobility", "(mm/s)/N"),
-    (("Hz", "in", "lbf"), ("frequency", "displacement", "force"), 0.0254 / 4.4482216152605, "receptance", "in/lbf"),
-    (("Hz", "g/N", "NONE"), ("frequency", "none", "none"), 9.80665, "accelerance", "g/N"),
-    (("Hz", "NONE", "NONE"), ("frequency", "velocity", "force"), 1.0, "mobility", ""),
-    (("Hz", "NONE", "NONE"), ("frequency", "none", "none"), 1.0, None, ""),
-    (("Hz", "EU", "EU"), ("frequency", "none", "none"), 1.0, None, "EU/EU"),
-])  # fmt: skip
-def test_units_of_the_axes(tmp_path, units, kinds, factor, quantity, written):
-    record = only(tmp_path / "a", function_58(H, units=units, kinds=kinds))
-    np.testing.assert_allclose(record.values, H * factor, rtol=1e-12)
-    assert (record.quantity, record.unit) == (quantity, written)
-    assert bool(record.notes) == (factor != 1 or "EU" in written)
-
-
 def test_data_set_164_counts_where_the_axes_have_no_unit(tmp_path):
     inch = header_164(39.37007874015748, 0.22480894309971, 7, "Inch (pound f)")
     bare = function_58(H, units=("Hz", "NONE", "NONE"))

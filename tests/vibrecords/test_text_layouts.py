@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.vibrecords.reading import G2, H2, A, F, G, H, M, T, layouts, records_of, require
+from tests.vibrecords.reading import G2, A, F, G, H, M, T, layouts, records_of, require
 from vibrecords.formats.table_text import column_of
 from vibrecords.records import FrfRecord, SpectrumRecord, TimeRecord
 
@@ -51,10 +51,6 @@ TABLES = {
         (("\ufefft [s];F [N]\r\n" + rows(T, A, delimiter=";", end="\r\n")).encode("utf-16-be"),
         [time("F", A, "force")]),
     "CR": ("Hz,Real,Imag\r" + rows(F, H.real, H.imag, end="\r"), [frf()]),
-    **{f"magnitude and phase in {unit}":
-        (f"Freq (Hz),Magnitude A / B (g/N),Phase A / B ({unit})\n" + rows(F, M, phase),
-        [frf("A", "B", G * H, factor=G, **ACC) | {"unit": "g/N", "notes": ("g/N converted to (m/s^2)/N",)}])
-        for unit, phase in (("deg", P), ("°", P), ("rad", np.angle(H)))},
     **{" and ".join(names):
         (f"frequency [Hz],{','.join(names)}\n" + rows(F, 20 * np.log10(np.abs(H + 5)), np.angle(H + 5, deg=True)),
         [{"type": FrfRecord, "frequency_hz": F, "values": H + 5}])  # above 1, so that decibels are above 0
@@ -63,15 +59,6 @@ TABLES = {
         ("f;re;im\n" + rows(F, H.real, H.imag, delimiter=";", decimal=",") + "\x1a", [frf()]),
     "Ctrl-Z and text": ("f,re,im\n" + rows(F, H.real, H.imag) + "\x1a\\c 1,2\n3,4\x01,5\0\n", [frf()]),
     "DOS, CR LF": ("f,re,im\r\n" + rows(F, H.real, H.imag, end="\r\n") + "\x1a", [frf()]),
-    **{f"{one} and {two}":
-        (f"frequency [Hz],FRF1 real,FRF1 imag,FRF2 real,FRF2 imag,{one},{two}\n"
-        + rows(F, H.real, H.imag, H2.real, H2.imag, G2, G2[::-1]),
-        [{"type": FrfRecord, "values": values, "coherence": G2 if one.endswith(number) else G2[::-1]}
-        for number, values in (("1", H), ("2", H2))])
-        for one, two in (("Coh1", "Coh2"), ("Coherence 1", "Coherence 2"), ("coh_2", "coh_1"))},
-    **{header: (f"{header},Real A / B [m/N],Imag A / B [m/N]\n" + rows(2 * np.pi * F, H.real, H.imag),
-        [frf("A", "B", quantity="receptance") | {"notes": ("frequency in rad/s converted to Hz",)}])
-        for header in ("Frequency [rad/s]", "omega", "Omega [rad/s]", "f [rad/s]")},
     "several FRFs with coherence in any order":
         ("# averages: 9, 4\n% quantity: receptance\nFrequency [Hz],Coherence A / C,real B / C [m/N],real A / C [m/N],"
         "imag A / C [m/N],imag B / C [m/N]\n" + rows(F, G2, H.imag, H.real, H.imag, H.real),
