@@ -22,7 +22,7 @@ from tests.vibrecords.array_trees import WITH_LISTS, WRITERS, trees
 from tests.vibrecords.reading import require
 from vibrecords.formats import iter_records
 from vibrecords.formats.array_files import read_arrays
-from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord, TimeRecord
+from vibrecords.records import CoherenceRecord, FrfRecord, ModeRecord, SpectrumRecord, TimeRecord
 
 RNG = np.random.default_rng(22)
 F = 10.0 + 0.5 * np.arange(8)
@@ -52,13 +52,19 @@ ONE = [frf("output 1", "input 1")]
 ARRAYS = {"F": F, "H": H, "V": V, "V2": H[:, 1], "V3": H[:, 2], "C": C, "T": T, "X": X, "X1": X[:, 0], "X2": X[:, 1]}
 ARRAYS |= {"U": F**1.5, "S": T**2, "D": 739371.5 + T / 86400, "J": F + 1j, "I": np.eye(3)}  # uneven, in days, complex
 ARRAYS |= {"XX": np.column_stack([X, X[:, 0]]), "FN": np.array([3.0, 17.0, 80.0]), "XI": np.full(3, 0.01), "PHI": H[:4]}
-_KINDS = {"FRF": FrfRecord, "time": TimeRecord, "spectrum": SpectrumRecord, "coherence": CoherenceRecord}
+_KINDS = {
+    "FRF": FrfRecord,
+    "time": TimeRecord,
+    "spectrum": SpectrumRecord,
+    "coherence": CoherenceRecord,
+    "mode": ModeRecord,
+}
 
 
 def expected(told):
     """A record of arrays.txt, with what is not said."""
     kind = _KINDS[told["type"]]
-    default = {"sample_rate_hz": 256.0} if kind is TimeRecord else {"frequency_hz": F}
+    default = {"sample_rate_hz": 256.0} if kind is TimeRecord else {} if kind is ModeRecord else {"frequency_hz": F}
     default |= {"response": "output 1", "reference": "input 1"} if kind in (FrfRecord, CoherenceRecord) else {}
     notes = {"notes": tuple(told["notes"])} if "notes" in told else {}
     return default | told | notes | {"type": kind}
@@ -83,6 +89,16 @@ def test_layouts_are_read_right(tmp_path, name, form):
     tree, expected, *_ = FILES[name]
     WRITERS[form](tree, tmp_path / "a")
     require(list(iter_records(tmp_path / "a")), expected)
+
+
+@pytest.mark.parametrize("form", ["npz", "mat"])
+@pytest.mark.parametrize("more", [{}, {"Phi": H[:4].T}, {"channels": np.array(["1:z", "2:z", "3:z", "4:z"])}])
+def test_modes_of_pyoma_have_their_shapes(tmp_path, form, more):
+    WRITERS[form](FILES["modes of pyOMA"][0]["result"] | more, tmp_path / "a")
+    channels = more.get("channels", [f"channel {n + 1}" for n in range(4)])
+    for i, mode in enumerate(iter_records(tmp_path / "a")):
+        assert mode.shape == dict(zip(channels, H[:4, i], strict=True))
+        assert bool(mode.notes) == ("Phi" in more)
 
 
 def squeezed(value):

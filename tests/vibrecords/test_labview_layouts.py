@@ -56,16 +56,7 @@ def test_labview_text_is_as_lvm_read_reads_it(tmp_path, name):
         values, oracle = np.concatenate(parts), np.concatenate(columns[channel])
         np.testing.assert_allclose(values, oracle[: values.size], rtol=1e-12)
         assert np.isnan(oracle[values.size :]).all()
-    assert found or "FFT" in LVM[name][0] or "Real" in LVM[name][0]
-
-
-def test_counts_and_clocks_that_disagree_are_said(tmp_path):
-    (record,) = read(tmp_path, LVM["LabVIEW, a count that is too high"][0])
-    assert record.notes == ("16 rows, where the header says 51200 samples",)
-    (record,) = read(tmp_path, lvm(["Force"], [NONE, A], head(["N"]) | {"Delta_X": ["0.000977"]}, layout="No"))
-    assert record.notes == ("sampling rate 1023.54 Hz from a Delta_X of 3 digits, 0.000977",)
-    (record,) = read(tmp_path, lvm(["Force"], [T, A], head(["N"], step=0.001)))
-    assert record.notes == ("X_Value goes in steps of 0.000488281, where Delta_X says 0.001: X_Value taken",)
+    assert found or any(word in LVM[name][0] for word in ("FFT", "Real", "Magnitude"))
 
 
 def test_an_instant_printed_twice_begins_no_second_hit(tmp_path):

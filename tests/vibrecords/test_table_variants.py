@@ -18,7 +18,7 @@ from vibrecords.errors import MeasurementError
 from vibrecords.formats.channel_units import ChannelUnit, restate_frf
 from vibrecords.inspection import inspect_file
 from vibrecords.measurement_plan import Channel, MeasurementPlan, VarianceSource
-from vibrecords.records import CoherenceRecord, FrfRecord, SpectrumRecord
+from vibrecords.records import FrfRecord, SpectrumRecord
 from vibrecords.variance import RelativeNoise
 from vibrecords.warnings.collector import find_warnings
 
@@ -299,22 +299,6 @@ def test_values_stated_above_the_numbers_count(tmp_path, above, names):
     (record,) = records_of(tmp_path / "a.txt", above + names + PLAIN)
     np.testing.assert_allclose(record.values, factor * H, rtol=1e-9)
     assert (record.quantity, record.averages) == ("accelerance", averages or None)
-
-
-@pytest.mark.parametrize(("text", "kind", "exponent"), [
-    ("Function class\tCoherence\n\n{}", CoherenceRecord, 1), ("Coherence tip / hammer\n{}", CoherenceRecord, 1),
-    ("Frequency [Hz]\tCoherence\n{}", CoherenceRecord, 1),
-    ("Frequency [Hz]\tCoherence (gamma)\n{}", CoherenceRecord, 2),
-    ("Frequency [Hz]\tCoherence γ\n{}", CoherenceRecord, 2), ("Frequency [Hz]\tCoherence [γ²]\n{}", CoherenceRecord, 1),
-    ("Frequency [Hz]\tCoherence gamma^2\n{}", CoherenceRecord, 1), ("Function class\tPSD\n\n{}", SpectrumRecord, 1),
-    ("Function\tCross spectrum\nFrequency [Hz]\tReal\n{}", SpectrumRecord, 1),
-])  # fmt: skip
-def test_the_class_of_a_function_and_gamma_or_its_square(tmp_path, text, kind, exponent):
-    numbers = 0.5 + 0.4 * np.cos(F / 30)
-    rows = "".join(f"{f:g}\t{x:.12g}\n" for f, x in zip(F, numbers, strict=True))
-    (record,) = records_of(tmp_path / "a.txt", text.format(rows))
-    assert type(record) is kind
-    np.testing.assert_allclose(record.values, numbers**exponent, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", WORDS["points"])

@@ -10,7 +10,7 @@ from vibrecords.formats.table_text import column_of
 from vibrecords.records import FrfRecord, SpectrumRecord, TimeRecord
 
 
-def rows(*columns, delimiter=",", decimal=".", end="\n", digits=None):
+def rows(*columns, delimiter=",", decimal=".", end="\n"):
     """Rows of numbers; None stands for an empty field."""
     text = [
         delimiter.join("" if x is None else repr(float(x)).replace(".", decimal) for x in row)

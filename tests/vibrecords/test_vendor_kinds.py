@@ -160,18 +160,6 @@ def test_numpy_writes_frequencies_as_complex_numbers_too(tmp_path):
             records_of(tmp_path / "b", text)
 
 
-@pytest.mark.parametrize("decibels", [False, True])
-@pytest.mark.parametrize("separator", ["Tab", "Comma"])
-def test_magnitude_phase_and_coherence_of_a_labview_spectrum(tmp_path, decibels, separator):
-    size, phase = 20 * np.log10(np.abs(V)) if decibels else np.abs(V), np.degrees(np.angle(V))
-    squared = np.linspace(0.5, 1.0, 24)
-    header = head(["dB" if decibels else "g/N", "deg", ""], 24, 2.5, 2.5, "Frequency")
-    names = ["Frequency Response (Magnitude)", "Frequency Response (Phase)", "Coherence"]
-    record = one(put(tmp_path / "a", lvm(names, [F, size, phase, squared], header, separator=separator)))
-    require_frf(record, F, V if decibels else 9.80665 * V)
-    np.testing.assert_allclose(record.coherence, squared)
-
-
 def labview(counts, clocks, columns):
     """Time histories over one X column, with shorter channels that have a clock of their own."""
     names, header = [f"channel {i}" for i in range(len(columns))], head(["N"] * len(columns), counts, step=clocks)
