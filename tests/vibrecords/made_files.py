@@ -7,7 +7,7 @@ import nptdms
 import numpy as np
 
 AXES = {"frequency": 18, "time": 17, "acceleration": 12, "velocity": 11, "displacement": 8, "force": 13, "none": 0}
-AXES["excitation"] = 9  # a force as well
+AXES |= {"excitation": 9}  # a force as well
 
 
 def header_164(length=1.0, force=1.0, code=1, name="SI"):
