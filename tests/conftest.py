@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
+import xarray as xr
 from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, settings
 from numpy.typing import ArrayLike
@@ -100,10 +101,15 @@ def of_case(posterior: Posterior, **stated: object) -> Posterior:
 
 
 def unsettled(
-    posterior: Posterior, reason: str = "not converged after 200 steps (limit 200): τ is not known"
+    posterior: Posterior, reason: str = "not converged after 200 steps (limit 200): τ is not known", apart: float = 1.0
 ) -> Posterior:
-    """The posterior as one of a run that did not converge."""
-    return replace(posterior, record=replace(posterior.record, converged=False, reason=reason))
+    """The posterior as one of a run that did not converge, the last ensemble at joints so many times as stiff."""
+    tree = posterior.tree.copy()
+    draws = tree["posterior"].to_dataset()
+    factor = xr.where(draws["ensemble"] == draws["ensemble"].max(), apart, 1.0)
+    stiffer = {name: draws[name] * factor for name in posterior.stiffness_names} if apart != 1.0 else {}
+    tree["posterior"] = xr.DataTree(draws.assign({n: k.assign_attrs(draws[n].attrs) for n, k in stiffer.items()}))
+    return replace(posterior, tree=tree, record=replace(posterior.record, converged=False, reason=reason))
 
 
 def rod(

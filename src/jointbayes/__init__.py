@@ -20,7 +20,7 @@ _MOVED = {
         "jointbayes.errors": "ReportError WorkerError WriteError",
         "jointbayes.inference": "GaussianNoise IntegratedScale ProportionalNoise ScaledNoise",
         "jointbayes.joint": "ElasticCentre Joints Rigid",
-        "jointbayes.posterior": "Knowledge OtherStructure PredictiveCheck gather_knowledge",
+        "jointbayes.posterior": "Knowledge OtherStructure PredictiveCheck UnderPremises gather_knowledge",
         "jointbayes.structure": "PointMass Rayleigh ViscousMatrix",
         "vibrecords": "mean_of_repeats iter_records write_records Inspection MeasuredMode MeasurementWarning FrfRecord "
         "TimeRecord find_warnings",

@@ -7,8 +7,7 @@ from typing import Any
 
 from jointbayes.rounding import factor, number, percent, quantity_text, with_interval
 
-DO_NOT_USE = "do not use these numbers"
-NOT_SETTLED = "the calculation has not settled"
+NO_VERDICT_NO_USE = "do not use a number without a verdict"
 #: How well material, dimensions and damping are known if the case does not state it.
 WORKSHOP = "inputs as in a workshop"
 #: What is said in place of a verdict where the model does not explain the data, and what sentences open with there.
@@ -30,6 +29,7 @@ class Reason(Enum):
     TEST_ALONE = "test_alone"
     BODIES = "noise_of_bodies_ignored"
     NOT_CONVERGED = "not_converged"
+    HOLDS_UNSETTLED = "not_converged_but_certain"
     BEST_FIT_MISSED = "best_fit_missed"
     BEST_FITS_APART = "best_fits_apart"
     MISFIT = "misfit"
@@ -109,7 +109,8 @@ PHRASES: Mapping[Reason, Callable[[Mapping[str, Any]], str]] = {
     Reason.SOLUTIONS: _solutions,
     Reason.TEST_ALONE: _test_alone,
     Reason.BODIES: lambda n: f"{n['noise']} is ignored, so that the interval is too narrow",
-    Reason.NOT_CONVERGED: lambda _: NOT_SETTLED,
+    Reason.NOT_CONVERGED: lambda _: "the calculation has not converged, and its error could change the verdict",
+    Reason.HOLDS_UNSETTLED: lambda _: "the calculation has not converged, but its error cannot change the verdict",
     Reason.BEST_FIT_MISSED: lambda n: (
         f"the search missed the best fit: a draw leads to a better one, {n['gain']:.3g} higher in log density"
     ),
@@ -133,9 +134,9 @@ def counted(count: int) -> str:
     return _COUNTS.get(count, str(count))
 
 
-def not_converged(reason: str) -> str:
+def not_converged(reason: str, what: str = "do not use these numbers") -> str:
     """What stands above numbers that are printed all the same, in a file or on the terminal."""
-    return f"NOT CONVERGED, {DO_NOT_USE.upper()}: {reason}"
+    return f"NOT CONVERGED, {what.upper()}: {reason}"
 
 
 def taken_as_exact(names: str, count: int) -> str:

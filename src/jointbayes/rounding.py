@@ -362,6 +362,17 @@ def interval(ends: Sequence[float], digits: int = 3) -> str:
     return " to ".join(texts)
 
 
+def attributes_of(thing: object, *names: str) -> dict[str, Any]:
+    """Attributes by their names, for what has the same names in JSON.
+
+    Examples
+    --------
+    >>> attributes_of(3 + 4j, "real", "imag")
+    {'real': 3.0, 'imag': 4.0}
+    """
+    return {name: getattr(thing, name) for name in names}
+
+
 def json_ready(value: Any) -> Any:  # noqa: ANN401 (walks any JSON-like value)
     """A summary as JSON holds it: no NaN or infinity, None where a number does not exist."""
     if isinstance(value, Mapping):

@@ -187,7 +187,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
     shutil.copytree(finished[0] / "out", out)
     result = cli("run", config, "--out", out, "--seed", "5")
     assert result.exit_code == 3
-    assert result.stdout.startswith("Not converged after 200 steps: do not use these numbers.\n")
+    assert result.stdout.startswith("Not converged after 200 steps: do not use a number without a verdict.\n")
     assert {p.name for p in tmp_path.iterdir()} == {"short.toml", "out"}
     assert not (out / "figures" / "frf-0-0.svg").exists()  # of the run before
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
@@ -199,7 +199,7 @@ def test_a_rerun_replaces_the_run_directory_and_says_if_it_has_not_converged(fin
 def test_a_report_without_convergence_says_so_before_anything_else(unconverged, tmp_path):
     page = (unconverged / "report.html").read_text(encoding="utf-8")
     body = page[page.index("<body") :]
-    assert 0 < body.index("Do not use these numbers.</strong>") < body.index("<table")
+    assert 0 < body.index("Not converged after 200 steps") < body.index("<table")
     assert "The sampler</strong> converged" not in page
     (tmp_path / "empty").mkdir()  # a fair place
     assert cli("report", unconverged / "posterior.nc", "--out", tmp_path / "empty").exit_code == 3

@@ -22,7 +22,7 @@ from jointbayes.posterior.knowledge import (
     effect_sentence,
     inputs_taken_as_exact,
 )
-from jointbayes.posterior.verdicts import reason_lines
+from jointbayes.posterior.verdicts import line_of, reason_lines
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Lights, Paragraph, Table
 from jointbayes.report.sections import lead
@@ -140,7 +140,7 @@ def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run(uncertain, g
     assert gathered.freed[0].source == "this run"
     # of a case that assumes nothing there are no further rows
     monkeypatch.setattr(
-        "jointbayes.posterior.knowledge._row", lambda _, __, names, ___: UncertainInputsRow(names, "none", {})
+        "jointbayes.posterior.knowledge._row", lambda _, __, names, *___: UncertainInputsRow(names, "none", {})
     )
     assert [row.uncertain for row in effect_of_uncertain_inputs(uncertain)] == [("length", "gain"), ()]
     assert assumed_beyond(uncertain.problem, None) == ()
@@ -413,15 +413,25 @@ def test_other_premises_have_verdicts_and_draws_of_their_own_that_are_kept(cheap
     (workshop,) = under.values()
     assert list(under) == ["workshop"]
     found = cheap_inputs.knowledge.freed[-1]
-    np.testing.assert_array_equal(workshop.draws, found.draws)
-    assert 1000 <= len(workshop.draws) <= 2000
-    for name, known in cheap_inputs.knowledge.workshop.items():
-        assert (workshop.known[name].value, workshop.verdict[name]) == (known.value, known.cls)
-        np.testing.assert_allclose(np.log(workshop.interval(name)), np.log(known.interval), atol=0.3)
+    assert 1000 <= workshop.draws.sizes["draw"] <= 2000
+    of_arviz = workshop.to_arviz()["posterior"]
+    for column, (name, known) in enumerate(cheap_inputs.knowledge.workshop.items()):
+        np.testing.assert_array_equal(workshop.draws[name], found.draws[:, column][None])
+        np.testing.assert_array_equal(of_arviz[name], workshop.draws[name])
+        assert workshop.draws[name].attrs["units"] == cheap_posterior.unit(name)
+        assert (workshop.verdict(name).value, workshop.verdict(name).cls) == (known.value, known.cls)
+        assert workshop.interval(name) == workshop.verdict(name).interval
+        assert line_of(name, workshop.verdict(name)) in repr(workshop)
+        np.testing.assert_allclose(np.log(workshop.interval(name, 0.9501)), np.log(known.interval), atol=0.3)
         narrow, wide = cheap_posterior.interval(name), workshop.interval(name, 0.999)
         assert wide[0] < narrow[0] < narrow[1] < wide[1]
-    with pytest.raises(jb.ModelError, match="under: found no draws of 'k33'; expected one of k11, k12, k22"):
-        workshop.interval("k33")
+    assert repr(workshop).startswith("With Young's modulus, density, length and damping ratio uncertain:\n")
+    for wrong, message in (
+        (("k33",), "found no draws of 'k33'; expected one of k11, k12, k22"),
+        (("k22", 1.0), "found"),
+    ):
+        with pytest.raises(jb.ModelError, match=message):
+            workshop.interval(*wrong)
 
 
 def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):

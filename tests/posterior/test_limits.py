@@ -316,7 +316,7 @@ def test_of_many_unknowns_and_without_verdict_no_limits_are_sought(cheap_posteri
     lost = with_cached(cheap_posterior, region_of=None)
     assert np.isnan(lost.verdict("k11").likelihood95).all()
     monkeypatch.undo()
-    failed = unsettled(lost)
+    failed = unsettled(lost, apart=1.5)
     assert np.isnan(failed.verdict("k11").likelihood95).all()
 
 

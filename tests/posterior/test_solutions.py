@@ -128,6 +128,7 @@ def test_solutions_of_a_run_that_did_not_converge_have_no_probabilities(storeys)
     assert sentence.startswith("Two solutions explain the data (their probabilities are not settled, as the sampler")
     assert "(probability" not in sentence
     assert sentence.partition("): ")[2] == " ".join(solution_sentences(storeys)).partition("): ")[2] != ""
+    assert failed.verdict("first.kx") == "no verdict"
     assert "probability" not in failed.verdict("first.kx").because
 
 

@@ -11,8 +11,8 @@ import pytest
 import jointbayes as jb
 from jointbayes.phrases import PHRASES, Reason
 from jointbayes.posterior import summarise, verdicts
-from jointbayes.posterior.identifiability import ExactInputs, Verdict
-from jointbayes.posterior.sampled import recall
+from jointbayes.posterior.identifiability import ExactInputs, Verdict, assess, with_ends
+from jointbayes.posterior.sampled import by_ensemble, recall
 from jointbayes.posterior.verdicts import DECADE, REACH, bounds_within_reach, line_of, reason_lines, region_of
 from jointbayes.report.markup import badge
 from jointbayes.rounding import factor, quantity_text, rounded, rounded_interval
@@ -73,6 +73,41 @@ def test_errors_of_median_and_ends_are_of_the_size_that_the_effective_draws_allo
 
 # ---- failed runs
 
+COULD_CHANGE = "the calculation has not converged, and its error could change the verdict"
+
+
+@pytest.mark.parametrize("inwards", [-2.0, 2.0])
+def test_a_run_that_has_not_settled_has_a_class_that_twice_the_errors_of_the_ends_cannot_change(
+    cheap_posterior, inwards
+):
+    run = unsettled(cheap_posterior)
+    known = run.verdict("k22")
+    assert (known.cls, known.reasons[-1].reason) == ("identified", Reason.HOLDS_UNSETTLED)
+    low, high = np.array(known.interval) + inwards * np.array(known.interval_error) * (1, -1)
+    for times, cls in ((1.0001, "identified"), (0.9999, "weakly identified")):
+        stated = of_case(run, verdict_rules={"k22": VerdictRule(identified=times * high / low)})
+        holds = (times > 1) == (inwards < 0)  # moved outwards below the threshold, or inwards above it
+        assert stated.verdict("k22") == (cls if holds else "no verdict")
+        assert (stated.verdict("k22").reasons[0].reason is Reason.NOT_CONVERGED) != holds
+
+
+def test_ensembles_that_found_other_joints_leave_no_verdict_whatever_the_scatter_inside_each(cheap_posterior):
+    apart = unsettled(cheap_posterior, apart=1.5).verdict("k22")
+    assert (apart.cls, apart.reasons[0].reason) == ("no verdict", Reason.NOT_CONVERGED)
+    each = np.quantile(by_ensemble(unsettled(cheap_posterior, apart=1.5), "k22"), 0.975, axis=(1, 2))
+    assert apart.interval_error[1] == pytest.approx(each.std(ddof=1) / math.sqrt(len(each)))
+
+
+def test_the_contraction_of_a_moved_interval_changes_as_the_square_of_its_width():
+    drawn = assess(np.exp(np.linspace(0.0, 1.0, 4001)), np.exp(np.linspace(-1.0, 1.0, 4001)))
+    low, high = drawn.interval
+    wider = with_ends(drawn, (low / math.exp(0.1), high * math.exp(0.1)))
+    width = math.log(high / low)
+    assert wider.contraction == pytest.approx(1 - (1 - drawn.contraction) * ((width + 0.2) / width) ** 2)
+    assert (drawn.cls, wider.cls) == ("weakly identified", "not identified")
+    both = assess(np.linspace(-1.0, 1.0, 4001), np.linspace(-9.0, 9.0, 4001))
+    assert (with_ends(both, (-2.0, 1.0)).cls, with_ends(both, (0.5, 0.6)).cls) == ("not identified", "identified")
+
 
 def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_posterior):
     prior = cheap_posterior.problem.prior
@@ -81,13 +116,13 @@ def test_a_run_without_a_verdict_names_the_bound_that_its_draws_reach(cheap_post
     problem = dataclasses.replace(
         cheap_posterior.problem, prior=dataclasses.replace(prior, marginals=(low11, prior.marginals[1], low22))
     )
-    failed = unsettled(dataclasses.replace(cheap_posterior, problem=problem))
+    failed = unsettled(dataclasses.replace(cheap_posterior, problem=problem), apart=1.5)
     bound = f"its draws reach the prior's upper bound {quantity_text(math.exp(high), 'N·m/rad')}"
-    assert failed.verdict("k22").because == f"the calculation has not settled; {bound}"
-    assert failed.verdict("k11").because == "the calculation has not settled"
+    assert failed.verdict("k22").because == f"{COULD_CHANGE}; {bound}"
+    assert failed.verdict("k11").because == COULD_CHANGE
     default = of_case(failed, default_priors={"k22"})
     reach = f"its draws reach the end of the default range {quantity_text(math.exp(high), 'N·m/rad')}"
-    assert default.verdict("k22").because == f"the calculation has not settled; {reach}"
+    assert default.verdict("k22").because == f"{COULD_CHANGE}; {reach}"
 
 
 # ---- a model that does not explain the data
@@ -156,9 +191,9 @@ def test_a_case_file_states_them(cheap_case):
 
 
 def test_a_failed_run_has_no_verdict_in_the_summary(cheap_posterior):
-    failed = judged_as(unsettled(cheap_posterior), cheap_posterior)
+    failed = judged_as(unsettled(cheap_posterior, apart=1.5), cheap_posterior)
     summary = summarise(failed, (1e8, 0.0, 0.0)).to_dict()
-    assert summary["no_verdict"] == ["the calculation has not settled"]
+    assert summary["no_verdict"] == [COULD_CHANGE]
     assert {p["verdict"] for p in summary["parameters"].values()} == {"no verdict"}
 
 

@@ -61,7 +61,7 @@ def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_st
 def test_spreads_of_first_order_are_those_of_draws(found, posterior, name):
     problem = posterior.case.workshop_problem
     sampled = _row(posterior, problem, (name,), np.random.default_rng(5), Budget())
-    drawn = math.log(ratio_of(sampled.interval("k22"))) / (2 * 1.96)
+    drawn = math.log(ratio_of(sampled.known["k22"].interval)) / (2 * 1.96)
     assert found.alone[name]["k22"] == pytest.approx(drawn, rel=0.25)
 
 

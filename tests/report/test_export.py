@@ -107,9 +107,9 @@ def test_cards_say_median_interval_and_verdict(cheap_posterior, tmp_path, progra
 
 
 def test_a_run_that_has_not_converged_says_so_on_its_cards(cheap_posterior, tmp_path):
-    export(unsettled(cheap_posterior, "stopped after 3 steps"), tmp_path / "a.bdf", "nastran")
+    export(unsettled(cheap_posterior, "stopped after 3 steps", apart=1.5), tmp_path / "a.bdf", "nastran")
     said = (tmp_path / "a.bdf").read_text().replace("\n$ ", " ")
-    assert "NOT CONVERGED, DO NOT USE THESE NUMBERS: stopped after 3 steps" in said
+    assert "NOT CONVERGED, DO NOT USE A NUMBER WITHOUT A VERDICT: stopped after 3 steps" in said
     assert "NO VERDICT" in said
 
 

@@ -15,13 +15,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from jointbayes.posterior.prediction import replace_values, simulated_values
+from jointbayes.posterior.prediction import simulate_at
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
 from tests.science.calibration_data import VARIANTS, case_of
 
 PICKED = 63  # draws among which a truth is ranked: far fewer than the effective ones
 BINS = 8
+
+
+def simulated_values(problem, theta, rng, noise=None):
+    """What the one test of a problem would measure at a truth, shape (d,), with noise of its own noise model."""
+    values = simulate_at(problem, theta[None], rng, noise)[0]
+    assert np.isfinite(values).all()
+    return values
+
+
+def replace_values(problem, values):
+    """The problem of one test with other measured values, and what it states of the noise as it is."""
+    return problem.with_test(data=problem.test.data.with_values(values))
 
 
 def simulated_problem(analysis, source, theta, rng):

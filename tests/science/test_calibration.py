@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.posterior.prediction import simulated_values
 from tests.conftest import pair_matrix
-from tests.science.calibration import PICKED, calibrated, rank_of
+from tests.science.calibration import PICKED, calibrated, rank_of, simulated_values
 from tests.science.calibration_data import case_of
 from tests.studies.calibration_cases import noisier_case, small_case
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior.prediction import replace_values, simulated_values
 from tests.conftest import pair_matrix
+from tests.science.calibration import replace_values, simulated_values
 from tests.studies.calibration_cases import FREQUENCIES, TEXT, small_case
 
 CASES = {

@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import jointbayes as jb
 from jointbayes.inference import hypothesis_problem
-from jointbayes.posterior.prediction import simulated_values
 from jointbayes.studies.campaign import read_cases
 from jointbayes.studies.compare import require_same_data
 from tests.case.refusal_rows import parts_named
@@ -14,7 +13,7 @@ from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import TABLE_3, cli, without_stages
 from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES
-from tests.science.calibration import simulated_problem
+from tests.science.calibration import simulated_problem, simulated_values
 from tests.studies.test_calibration_simulation import require_no_score
 from tests.virtual_test import Truth, simulate
 

@@ -7,6 +7,7 @@ from jointbayes.posterior.evidence import evidence_about_modes as evidence_about
 from jointbayes.posterior.evidence import nested_evidence as nested_evidence
 from jointbayes.posterior.identifiability import assess as assess
 from jointbayes.posterior.knowledge import Knowledge as Knowledge
+from jointbayes.posterior.knowledge import UnderPremises as UnderPremises
 from jointbayes.posterior.other_structure import OtherStructure as OtherStructure
 from jointbayes.posterior.posterior import Posterior as Posterior
 from jointbayes.posterior.posterior import gather_knowledge as gather_knowledge

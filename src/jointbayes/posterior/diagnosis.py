@@ -269,7 +269,11 @@ def diagnose_frfs(
     resonances = SharedResonances(frequency_hz, have, want, noise)
     ratios = resonances.ratios(have)
     scatter = resonances.scatter(rng)
-    levels = _levels(have, want, ratios)
+    # level of each FRF: at its resonances, else over all lines
+    levels = np.sqrt((np.abs(have) ** 2).sum(axis=0) / (np.abs(want) ** 2).sum(axis=0))
+    if len(ratios):
+        at_modes = median_seen(ratios[..., 2], axis=0)
+        levels = np.where(np.isfinite(at_modes), np.exp(at_modes), levels)
     pairs = tuple(map(_pair_fit, product(outputs, inputs), have.T, want.T, levels.tolist()))
     with np.errstate(invalid="ignore"):
         by_mode = median_seen(ratios, axis=1)
@@ -301,15 +305,6 @@ def _frequency_cause(shift: Array, scatter: Array, least: ArrayLike) -> list[Cau
     same = len(shift) > 1 and abs(np.sign(shift).sum()) == len(shift)
     even = np.abs(shift).min() >= _SAME_WAY * np.abs(shift).max()
     return ["frequencies, all the same way" if same and even else "frequencies, unevenly"]
-
-
-def _levels(have: Complex, want: Complex, ratios: Array) -> Array:
-    """Measured over predicted level of each FRF, shape (pairs,): at its resonances, else over all lines."""
-    overall = np.sqrt((np.abs(have) ** 2).sum(axis=0) / (np.abs(want) ** 2).sum(axis=0))
-    if not len(ratios):
-        return np.asarray(overall)
-    at_modes = median_seen(ratios[..., 2], axis=0)
-    return np.where(np.isfinite(at_modes), np.exp(at_modes), overall)
 
 
 def _all_off(log_level: Array, scatter: Array) -> bool:

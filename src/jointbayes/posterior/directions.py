@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointbayes.joint import Coordinate, Parametrisation, parametrisation_named
+from jointbayes.joint import Parametrisation, parametrisation_named
 from jointbayes.joint.combinations import (
     Combination,
     combinations_of,
@@ -182,8 +182,16 @@ class _Search:
         axes = np.empty((0, len(self.names)))
         named: list[NamedDirection] = []
         while len(named) < len(self.names):
-            quantity, judged = self._widest(axes) if len(named) == len(self.names) - 1 else self._best(axes)
-            words = "" if judged.cls in ("identified", "weakly identified") else self._moving_with(quantity)
+            if len(named) == len(self.names) - 1:  # the least known single stiffness that says something else
+                quantity = max([q for q in self.singles if self._share(q, axes)] or self.singles, key=self._width)
+            else:  # the best known quantity, for what it adds to those named
+                shares = {q: self._share(q, axes) for q in (*self.singles, *self._others, *self._powers(axes))}
+                score = {q: self._width(q) * q.penalty / share if share else math.inf for q, share in shares.items()}
+                quantity = next(
+                    q for q in sorted(score, key=score.__getitem__) if q.single or self.judged(q).cls in CERTAINTY
+                )
+            judged = self.judged(quantity)
+            words = "" if judged.cls in CERTAINTY else self._moving_with(quantity)
             named.append(self.named(quantity, judged, words))
             beside = _orthogonal_part(self._gradient(quantity), axes)
             axes = np.vstack([axes, beside / np.linalg.norm(beside)])
@@ -228,26 +236,6 @@ class _Search:
             unit,
             quantity.what,
         )
-
-    def _best(self, axes: Array) -> tuple[Combination, Verdict]:
-        """The best known quantity that says something else than those named."""
-        quantities = [*self.singles, *self._others, *self._powers(axes)]
-        for i in np.argsort([self._score(quantity, axes) for quantity in quantities]):
-            quantity = quantities[int(i)]
-            if quantity.single or self.judged(quantity).cls in ("identified", "weakly identified"):
-                return quantity, self.judged(quantity)
-        raise AssertionError("single stiffnesses are always among the quantities")  # pragma: no cover
-
-    def _widest(self, axes: Array) -> tuple[Combination, Verdict]:
-        """The least known single stiffness among those that say something else than the quantities named."""
-        inside = [quantity for quantity in self.singles if self._share(quantity, axes) > 0]
-        quantity = max(inside or self.singles, key=self._width)
-        return quantity, self.judged(quantity)
-
-    def _score(self, quantity: Combination, axes: Array) -> float:
-        """How well a quantity is known for what it adds to those named; infinite where it adds nothing."""
-        share = self._share(quantity, axes)
-        return self._width(quantity) * quantity.penalty / share if share else math.inf
 
     def _found_width(self, quantity: Combination) -> float:
         """A quarter of the 95 % interval of ln q, of q itself where it has both signs; infinite for a sum of both."""
@@ -303,20 +291,17 @@ class _Search:
             x, y = self._theta[:, main], self._theta[:, i]
             if i == main or not x.std() or not y.std() or abs(np.corrcoef(x, y)[0, 1]) < _MOVES_WITH:
                 continue
-            parts.append(_moves_with(coordinate, coordinates[main], float(np.cov(x, y)[0, 1] / x.var(ddof=1))))
+            slope, name, other = float(np.cov(x, y)[0, 1] / x.var(ddof=1)), coordinate.name, coordinates[main].name
+            if not coordinate.logarithmic:
+                parts.append(f"{name} moves with it, {slope * math.log(2):+.2g} as {other} doubles")
+            elif not coordinates[main].logarithmic:
+                parts.append(f"{name} moves with it, times {math.exp(0.1 * slope):.3g} as {other} grows by 0.1")
+            else:
+                power = f"{slope:.2g}".replace("-", "−")
+                parts.append(f"{name} moves with it: {name} ∝ {other}{'' if power == '1' else f'^{power}'}")
         return f" ({'; '.join(parts)})" if parts else ""
 
 
 def _orthogonal_part(gradient: Array, axes: Array) -> Array:
     """What is left of a gradient, shape (p,), without its parts along orthonormal axes, shape (m, p)."""
     return gradient - axes.T @ (axes @ gradient)
-
-
-def _moves_with(axis: Coordinate, main_axis: Coordinate, slope: float) -> str:
-    """How one coordinate follows another over the draws."""
-    if not axis.logarithmic:
-        return f"{axis.name} moves with it, {slope * math.log(2):+.2g} as {main_axis.name} doubles"
-    if not main_axis.logarithmic:
-        return f"{axis.name} moves with it, times {math.exp(0.1 * slope):.3g} as {main_axis.name} grows by 0.1"
-    power = f"{slope:.2g}".replace("-", "−")
-    return f"{axis.name} moves with it: {axis.name} ∝ {main_axis.name}" + ("" if power == "1" else f"^{power}")

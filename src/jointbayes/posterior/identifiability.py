@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jointbayes.phrases import NO_VALID_VALUE, Because, Reason, listed
-from jointbayes.rounding import quantity_text, with_interval
+from jointbayes.rounding import attributes_of, quantity_text, with_interval
 from jointbayes.verdict_rule import RULE, VerdictRule
 from vibrecords.arrays import Array
 
@@ -174,17 +174,11 @@ class Verdict:
 
     def as_json(self) -> dict[str, Any]:
         """What ``parameters.<name>`` of ``summary.json`` holds of it; NaN where a number does not exist."""
-        return {
-            "median": self.median,
+        return attributes_of(self, "median", "sd_log", "contraction", "limit", "conditions", "likelihood95") | {
             "interval95": self.interval,
             "interval95_error": self.interval_error,
-            "sd_log": self.sd_log,
-            "contraction": self.contraction,
-            "limit": self.limit,
             "verdict": self.cls,
             "reasons": [because.as_json() for because in self.reasons],
-            "conditions": self.conditions,
-            "likelihood95": self.likelihood95,
         }
 
 
@@ -253,6 +247,16 @@ def assess(
     cls, because = judge_by_rule(rule, ratio, contraction)
     errors = error(0.5), (error(0.025), error(0.975))
     return Verdict(cls, (low, high), median, unit, (because,), math.nan, ratio, sd_log, contraction, *errors)
+
+
+def with_ends(drawn: Verdict, ends: tuple[float, float], rule: VerdictRule = RULE) -> Verdict:
+    """What the rule says of the draws if their interval had other ends; its standard deviation changes as its width."""
+    log = drawn.interval[0] * drawn.interval[1] > 0 and ends[0] * ends[1] > 0 and math.isfinite(drawn.ratio)
+    before, after = (abs(math.log(high / low)) if log else high - low for low, high in (drawn.interval, ends))
+    ratio = math.inf if math.isinf(drawn.ratio) and drawn.interval[0] * drawn.interval[1] > 0 else ratio_of(ends)
+    contraction = 1 - (1 - drawn.contraction) * (after / before) ** 2
+    cls, because = judge_by_rule(rule, ratio, contraction)
+    return replace(drawn, cls=cls, interval=ends, ratio=ratio, contraction=contraction, reasons=(because,))
 
 
 def with_test_alone(found: Verdict, likelihood95: tuple[float, float]) -> Verdict:

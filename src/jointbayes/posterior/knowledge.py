@@ -19,6 +19,7 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.identification import ModeSearch
@@ -48,14 +49,16 @@ from jointbayes.posterior.identifiability import (
 )
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
-from jointbayes.posterior.sampled import Sampled, is_found, kept, prior_stiffness
+from jointbayes.posterior.sampled import Sampled, equal_tailed, is_found, kept, prior_stiffness
 from jointbayes.posterior.solutions import solutions_of
-from jointbayes.posterior.verdicts import MOST_UNKNOWNS, conclude, judge_stiffness, region_of, rule_of
+from jointbayes.posterior.storage import to_arviz
+from jointbayes.posterior.verdicts import MOST_UNKNOWNS, conclude, judge_stiffness, line_of, region_of, rule_of
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.progress import Budget
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.sampling import Draws, Quantities, draws_from_two_origins, quantile_spread
 from jointbayes.stored_values import StoredArray
+from jointbayes.verdict_rule import VerdictRule
 
 Source = Literal["this run", "importance sampling", "none"]
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
@@ -88,28 +91,76 @@ class UncertainInputsRow:
     known: Mapping[str, Verdict]
     draws: StoredArray = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
 
-    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
-        """Equal-tailed credible interval of a stiffness, in its unit.
-
-        Raises
-        ------
-        ModelError
-            If there is no such stiffness, or the row has no draws of its own.
-        """
-        require_probability(probability, "under: found")
-        if name not in self.known or not self.draws.size:
-            raise ModelError(
-                f"under: found no draws of {name!r}; expected one of {', '.join(self.known) or 'none'}, of a row that "
-                "settled; correct the name"
-            )
-        tail = (1 - probability) / 2
-        low, high = np.quantile(self.draws[:, list(self.known).index(name)], [tail, 1 - tail])
-        return float(low), float(high)
-
     @property
     def verdict(self) -> dict[str, VerdictClass]:
         """Class of each stiffness."""
         return {name: assessment.cls for name, assessment in self.known.items()}
+
+
+class UnderPremises:
+    """A small posterior of the stiffnesses under other premises: what `Posterior.under` holds.
+
+    Parameters
+    ----------
+    row
+        What was found, with draws.
+
+    Examples
+    --------
+    >>> workshop = posterior.under["workshop"]  # doctest: +SKIP
+    >>> workshop.interval("k22"), workshop.verdict("k22").words  # doctest: +SKIP
+    >>> az.plot_posterior(workshop.to_arviz())  # doctest: +SKIP
+    """
+
+    def __init__(self, row: UncertainInputsRow) -> None:
+        self._row = row
+
+    def __repr__(self) -> str:
+        lines = [line_of(name, verdict) for name, verdict in self._row.known.items()]
+        return "\n".join([f"With {listed(self.uncertain) or 'nothing else'} uncertain:", *lines])
+
+    @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Names of what is uncertain besides the joint."""
+        return self._row.uncertain
+
+    @property
+    def draws(self) -> xr.Dataset:
+        """Independent draws of the stiffnesses in their units, at most 2000: one chain × draw."""
+        columns = zip(self._row.known.items(), self._row.draws.T, strict=True)
+        variables = {name: (("chain", "draw"), k[None], {"units": known.unit}) for (name, known), k in columns}
+        return xr.Dataset(variables, {"chain": [0], "draw": np.arange(len(self._row.draws))})
+
+    def verdict(self, name: str) -> Verdict:
+        """Class of a stiffness with its interval, limit and reasons.
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness.
+        """
+        if name not in self._row.known:
+            expected = f"one of {', '.join(self._row.known)}"
+            raise ModelError.of("under", (), f"found no draws of {name!r}", expected, "correct the name")
+        return self._row.known[name]
+
+    def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
+        """Equal-tailed credible interval of a stiffness, in its unit; at 95 % the one of its verdict, of all draws.
+
+        Raises
+        ------
+        ModelError
+            If there is no such stiffness, or the probability is not inside (0, 1).
+        """
+        require_probability(probability, "under: found")
+        known = self.verdict(name)
+        if probability == VerdictRule.INTERVAL:
+            return known.interval
+        return equal_tailed(self.draws[name].values, probability)
+
+    def to_arviz(self) -> Any:  # noqa: ANN401 (type depends on the ArviZ version)
+        """Return the draws as ArviZ takes them: InferenceData before ArviZ 1.0, a DataTree from 1.0 on."""
+        return to_arviz(xr.DataTree.from_dict({"posterior": self.draws}))
 
 
 def uncertain_quantities(problem: Problem) -> tuple[str, ...]:
@@ -461,7 +512,7 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
     3. Find its ln Z: by Laplace's approximation where it is out of the question, or of many unknowns, else by draws
        about the modes.
     """
-    problem, joints = posterior.problem, known_by_bounds(posterior)
+    problem, joints = posterior.problem, known_by_bounds(posterior) if posterior.converged else ()
     if not joints or problem.parametrisation.damped or problem.extra_log_likelihood is not None:
         return ()
     # 1. the run

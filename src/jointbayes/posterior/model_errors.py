@@ -5,14 +5,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.identification import refine
 from jointbayes.inference import ErrorSizes, Problem
 from jointbayes.posterior.sampled import Sampled, kept, once
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.rounding import number, percent
+from jointbayes.rounding import attributes_of, number, percent
 from vibrecords import quantity_factor
 from vibrecords.arrays import Array
 
@@ -130,14 +129,8 @@ class InferredError:
 
     def as_json(self) -> dict[str, Any]:
         """What ``model_error`` of ``summary.json`` holds."""
-        return {
-            "median": self.median,
-            "interval95": [self.low, self.high],
-            "spring": self.spring,
-            "shifts": dict(self.shifts),
-            "misnumbered": self.misnumbered,
-            "grade": self.grade,
-        }
+        same = attributes_of(self, "median", "spring", "shifts", "misnumbered", "grade")
+        return same | {"interval95": [self.low, self.high]}
 
 
 def _in_words(quantity: str) -> str:
@@ -209,16 +202,10 @@ class MeshCheck:
 
     def as_json(self) -> dict[str, Any]:
         """What ``mesh`` of ``summary.json`` holds."""
-        return {
-            "kind": self.kind,
-            "elements": self.elements,
-            "order": self.order,
+        return attributes_of(self, "kind", "elements", "order", "shift_sd", "exact_data", "sentence") | {
             "largest_error_sd": self.error_sd,
             "largest_error_of_peak": self.error_of_peak,
-            "shift_sd": self.shift_sd,
-            "exact_data": self.exact_data,
             "within_bound": self.within,
-            "sentence": self.sentence,
         }
 
 
@@ -248,46 +235,33 @@ def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, 
     reference = problem.with_reference(solved=True)
     count = _FEW_PRIOR_DRAWS if problem.log_posterior.likelihood.n_data > _MANY_VALUES else _PRIOR_DRAWS
     prior = problem.prior.sample(np.random.default_rng([seed, 3]), count)
-    here, there = (_standardised(p, np.concatenate([theta[None], prior])) for p in (problem, reference))
-    error_sd, error_of_peak = float(np.abs(here - there).max()), _error_of_peak(problem, reference, theta)
-    exact_data = bool(np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
+    # 1. Errors: in standard deviations of one part over draws of the prior, and at the mode over the peak
+    points = np.concatenate([theta[None], prior])
+    here, there = (p.log_posterior.standardised(points) for p in (problem, reference))
+    parts = np.sqrt(2) if np.iscomplexobj(here) else 1.0
+    error_sd, error_of_peak = parts * float(np.abs(here - there).max()), 0.0
+    for part, richer in zip(problem.parts, reference.parts, strict=True):
+        own, exact = (p.log_posterior.predicted(theta)[0] for p in (part, richer))
+        peak = np.abs(exact).max(axis=0) if part.test.data.frfs else exact
+        error_of_peak = max(error_of_peak, float((np.abs(own - exact) / peak).max()))
+    exact_data = bool(parts * np.sqrt(np.mean(np.abs(there[0]) ** 2)) < _EXACT)
     within = error_of_peak <= LARGEST_ERROR_OF_PEAK if exact_data else error_sd <= LARGEST_ERROR_SD
+    # 2. How far the mode moves
     if within:  # to first order: where the richer elements have residual e + δ, their mode lies at θ − Σ Jᵀδ
         (residual, jacobian), (exact, _) = (p.log_posterior.residuals(theta) for p in (problem, reference))
         moved = covariance @ (jacobian.T @ (exact - residual))
     else:  # an error that shows is not small: by a climb on the richer elements
         mode, _ = refine(problem.with_reference(solved=False).log_posterior, theta)
         moved = theta - mode
-    shift_sd = _shift_in_sd(problem, theta, theta - moved, draws)
-    size = elements.kind, elements.elements, elements.order
-    return MeshCheck(*size, error_sd, error_of_peak, shift_sd, exact_data, within)
-
-
-def _standardised(problem: Problem, theta: Array) -> NDArray[np.inexact]:
-    """Residuals in standard deviations of one part, shape (n, lines, pairs) or (n, frequencies)."""
-    z = problem.log_posterior.standardised(theta)
-    return z * np.sqrt(2) if np.iscomplexobj(z) else z
-
-
-def _error_of_peak(problem: Problem, reference: Problem, theta: Array) -> float:
-    """Largest error at θ over the largest value of the same FRF, or over the frequency."""
-    largest = 0.0
-    for part, richer in zip(problem.parts, reference.parts, strict=True):
-        here, there = (p.log_posterior.predicted(theta)[0] for p in (part, richer))
-        peak = np.abs(there).max(axis=0) if part.test.data.frfs else there
-        largest = max(largest, float((np.abs(here - there) / peak).max()))
-    return largest
-
-
-def _shift_in_sd(problem: Problem, theta: Array, other: Array, draws: Array) -> dict[str, float]:
-    """Change of each stiffness over the draws' standard deviations, of logarithms where signs allow it."""
-    shifts, both = {}, problem.prior.values([theta, other]).T
-    for quantity, (here, there), values in zip(problem.quantities, both, draws.T, strict=True):
-        logarithmic = bool((values > 0).all()) and here > 0 and there > 0
+    # 3. The same in standard deviations of the draws, of logarithms where signs allow it
+    shift_sd, both = {}, problem.prior.values([theta, theta - moved]).T
+    for quantity, (before, after), values in zip(problem.quantities, both, draws.T, strict=True):
+        logarithmic = bool((values > 0).all()) and before > 0 and after > 0
         sd = float(np.log(values).std() if logarithmic else values.std())
         if sd > 0:
-            shifts[quantity.name] = float(np.log(here / there) if logarithmic else here - there) / sd
-    return shifts
+            shift_sd[quantity.name] = float(np.log(before / after) if logarithmic else before - after) / sd
+    size = elements.kind, elements.elements, elements.order
+    return MeshCheck(*size, error_sd, error_of_peak, shift_sd, exact_data, within)
 
 
 @dataclass(frozen=True, slots=True)
@@ -380,11 +354,11 @@ def noise_of_bodies(problem: Problem, theta: Array) -> NoiseOfBodies | None:
     Of several tests the one that is worst: that ignores it, of which most lines are doubtful, of which it is most.
     """
     noise_by_test = [noise for part in problem.parts if (noise := _noise_in_test(part, theta)) is not None]
-    return max(noise_by_test, key=_badness, default=None)
-
-
-def _badness(noise: NoiseOfBodies) -> tuple[bool, bool, float, float]:
-    return noise.ignored, bool(noise.not_reciprocal), noise.doubtful_lines / noise.lines, noise.share
+    return max(
+        noise_by_test,
+        key=lambda noise: (noise.ignored, bool(noise.not_reciprocal), noise.doubtful_lines / noise.lines, noise.share),
+        default=None,
+    )
 
 
 def _noise_in_test(problem: Problem, theta: Array) -> NoiseOfBodies | None:

@@ -19,8 +19,8 @@ from jointbayes.inference.test import own_name
 from jointbayes.joint import AnyJoint, JointMatrix, joint_matrix_of
 from jointbayes.phrases import listed
 from jointbayes.posterior.prediction import FrfPrediction, frf_band, simulate_at
-from jointbayes.posterior.sampled import Sampled
-from jointbayes.rounding import number
+from jointbayes.posterior.sampled import Sampled, equal_tailed
+from jointbayes.rounding import attributes_of, number
 from jointbayes.structure import LossFactor, ModalDamping, StructureRecipe, family_of_recipe
 from jointbayes.structure.recipe import is_damping, is_damping_ratio
 from vibrecords import ModeData, Observed, Quantity, quantity_factor
@@ -61,9 +61,9 @@ class OtherStructure:
 
     def interval(self, mode: int, probability: float | None = None) -> tuple[float, float]:
         """Ends of the interval of a natural frequency, the first is mode 1, Hz."""
-        tail = (1 - (self.frf.probability if probability is None else probability)) / 2
-        low, high = np.quantile(self.frequency_hz[:, mode - 1], [tail, 1 - tail])
-        return float(low), float(high)
+        return equal_tailed(
+            self.frequency_hz[:, mode - 1], self.frf.probability if probability is None else probability
+        )
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Number, median and interval of each natural frequency, and median damping ratio, as a table shows them."""
@@ -92,11 +92,7 @@ class OtherStructure:
             }
             for i in range(self.frequency_hz.shape[1])
         ]
-        return {
-            "outputs": list(frf.outputs),
-            "inputs": list(frf.inputs),
-            "quantity": frf.quantity,
-            "probability": frf.probability,
+        return attributes_of(frf, "outputs", "inputs", "quantity", "probability") | {
             "band_hz": [float(frf.frequency_hz[0]), float(frf.frequency_hz[-1])],
             "modes": modes,
             "premises": list(self.premises),

@@ -18,7 +18,7 @@ from jointbayes.posterior.forecast import NextStep
 from jointbayes.posterior.identifiability import Verdict
 from jointbayes.posterior.knowledge import (
     Knowledge,
-    UncertainInputsRow,
+    UnderPremises,
     assumed_of,
     assumptions_of,
     directions_of,
@@ -100,14 +100,16 @@ class Posterior(Sampled):
         return verdict_of(self, name)
 
     @property
-    def under(self) -> Mapping[str, UncertainInputsRow]:
-        """What is known under other premises, by name: ``posterior.under["workshop"].interval("k22")``.
+    def under(self) -> Mapping[str, UnderPremises]:
+        """Small posteriors under other premises, by name: ``posterior.under["workshop"].interval("k22")``.
+
+        Each has ``.draws``, ``.interval(name, 0.95)``, ``.verdict(name)`` and ``.to_arviz()``.
 
         ``"exact"`` with nothing but the joint uncertain, ``"workshop"`` with material, length and damping as in a
         workshop where the case does not declare them exact; each where it can differ from the run, and settled. That
         of measured FRFs within their noise is a run of its own, ``jb.sample(case, premises="exact")``.
         """
-        return {"workshop" if row.uncertain else "exact": row for row in rows_of(self)[1:] if row.known}
+        return {"workshop" if row.uncertain else "exact": UnderPremises(row) for row in rows_of(self)[1:] if row.known}
 
     @one_blas_thread()
     def summary(self, knowledge: Knowledge | None = None) -> Summary:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jointbayes.errors import JointBayesError, MeasurementError, require, require_probability
+from jointbayes.errors import JointBayesError, require, require_probability
 from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports
 from jointbayes.inference import Problem
 from jointbayes.joint.quantities import is_rotation, prefixed
@@ -286,53 +286,6 @@ def _errors_of_bodies(problem: Problem, ports: Ports, quantity: Quantity, theta:
         drawn = (roots @ white[..., None]).reshape(*roots.shape[:2], len(ports.outputs), len(ports.inputs))
         errors.append(drawn * problem.gain(factors)[:, None, None, None])
     return np.concatenate(errors) * quantity_factor(ports.frequency_hz, quantity)[:, None, None]
-
-
-def simulated_values(
-    problem: Problem, theta: Array, rng: np.random.Generator, noise: NDArray[Any] | None = None
-) -> NDArray[Any]:
-    """What one test would measure at a truth: the model's prediction and noise of the problem's own noise model.
-
-    Parameters
-    ----------
-    problem
-        Of one test. Gives model, noise model and stated variance; its measured values are not used but for log
-        magnitudes, whose stated spread depends on them.
-    theta
-        The truth, shape (d,).
-    rng
-        Draws the noise.
-    noise
-        What was drawn of it already, standardised, of as many values: errors that other tests share.
-
-    Returns
-    -------
-    ndarray
-        FRFs, shape (lines, outputs, inputs), or natural frequencies or values of modes, shape (n,).
-
-    Raises
-    ------
-    MeasurementError
-        If the model has no finite FRF there.
-    """
-    values = simulate_at(problem, theta[None], rng, noise)[0]
-    if not np.isfinite(values).all():
-        raise MeasurementError(
-            "simulation: found a truth at which the model has no finite value, an undamped resonance on a line; "
-            "expected a structure with damping; state some"
-        )
-    return np.asarray(values)
-
-
-def replace_values(problem: Problem, values: NDArray[Any]) -> Problem:
-    """The problem of one test with other measured values, and what it states of the noise as it is.
-
-    Raises
-    ------
-    MeasurementError
-        If the values are no possible measurement: natural frequencies out of order.
-    """
-    return problem.with_test(data=problem.test.data.with_values(values))
 
 
 def further_measurement(problem: Problem, theta: Array) -> str:

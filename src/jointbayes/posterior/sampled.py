@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 from jointbayes.errors import ModelError, require_count, require_probability
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Premises, Problem
-from jointbayes.phrases import DO_NOT_USE
+from jointbayes.phrases import NO_VERDICT_NO_USE
 from jointbayes.stored_values import StoredArray
 from jointbayes.verdict_rule import VerdictRule
 from vibrecords.arrays import Array
@@ -81,7 +81,7 @@ class RunRecord:
         """Whether the calculation has converged, in one short sentence; its figures are in `reason`."""
         if not self.converged:
             steps = f" after {self.sampler['steps']} steps" if self.sampler["steps"] else ""
-            return f"Not converged{steps}: {DO_NOT_USE}."
+            return f"Not converged{steps}: {NO_VERDICT_NO_USE}."
         fewest = float(f"{min(self.sampler['ess'].values(), default=math.nan):.2g}")
         return f"Converged: {fewest:,.0f} independent draws.".replace(",", " ")
 
@@ -267,9 +267,7 @@ class Sampled:
             If there is no such stiffness or the probability is not inside (0, 1).
         """
         require_probability(probability, "interval")
-        tail = (1 - probability) / 2
-        low, high = np.quantile(self.values(name), [tail, 1 - tail])
-        return float(low), float(high)
+        return equal_tailed(self.values(name), probability)
 
     def thinned(self, most: int) -> Array:
         """At most so many draws of θ, evenly spaced over all chains, shape (n, d)."""
@@ -333,6 +331,13 @@ def kept_findings(posterior: Sampled) -> dict[str, Any]:
 def recall(posterior: Sampled, findings: Mapping[str, Any]) -> None:
     """Take findings of an earlier look at the same draws, by the names of their studies."""
     posterior._found.update({(name,): finding for name, finding in findings.items()})
+
+
+def equal_tailed(values: Array, probability: float) -> tuple[float, float]:
+    """Ends of the equal-tailed interval of values, any shape, with a probability inside."""
+    tail = (1 - probability) / 2
+    low, high = np.quantile(values, [tail, 1 - tail])
+    return float(low), float(high)
 
 
 def by_ensemble(posterior: Sampled, name: str) -> Array:

@@ -26,7 +26,7 @@ from jointbayes.posterior.model_errors import (
 )
 from jointbayes.posterior.prediction import LeftOut, left_out_json, left_out_of, sentence_of_left_out
 from jointbayes.posterior.run_record import bodies_of, data_sha256
-from jointbayes.posterior.sampled import RunRecord, Sampled
+from jointbayes.posterior.sampled import RunRecord, Sampled, equal_tailed
 from jointbayes.posterior.solutions import ModeSummary, solutions_of
 from jointbayes.posterior.verdicts import (
     mode_agrees,
@@ -35,7 +35,7 @@ from jointbayes.posterior.verdicts import (
     reasons_for_no_verdict,
     solution_sentences,
 )
-from jointbayes.rounding import align_columns, in_lines, json_ready, number, signed, with_interval
+from jointbayes.rounding import align_columns, attributes_of, in_lines, json_ready, number, signed, with_interval
 from jointbayes.sampling import INTERVAL, quantile_error
 from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords import MeasuredFile
@@ -85,12 +85,10 @@ class TestSummary:
 
     def as_json(self) -> dict[str, Any]:
         """What ``tests.NAME`` of ``summary.json`` holds."""
-        return {
+        return attributes_of(self, "data_sha256", "measurement") | {
             "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
             "fit": fit_json(self.fit, self.diagnosis),
             "check": check_json(self.check, self.diagnosis),
-            "data_sha256": self.data_sha256,
-            "measurement": self.measurement,
         }
 
 
@@ -278,16 +276,11 @@ class Summary:
         summary = {
             "schema_version": SCHEMA_VERSION,
             "case": record.case_name,
-            "about": self.about,
-            "seed": record.seed,
-            "converged": record.converged,
-            "reason": record.reason,
-            "warnings": self.warnings,
-            "no_verdict": self.no_verdict,
+            **attributes_of(record, "seed", "converged", "reason", "sampler", "versions"),
+            **attributes_of(self, "about", "warnings", "no_verdict", "solutions", "data_sha256"),
             "parameters": {name: _parameter_json(p) for name, p in self.parameters.items()},
             "nuisances": {name: asdict(n) for name, n in self.nuisances.items()},
             "modes": [asdict(mode) for mode in self.modes],
-            "solutions": self.solutions,
             "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
             "natural_frequencies_hz": asdict(self.natural_frequencies_hz),
             "fit": fit_json(self.fit, self.diagnosis),
@@ -299,9 +292,6 @@ class Summary:
             "left_out": left_out_json(self.left_out),
             "model_error": None if self.model_error is None else self.model_error.as_json(),
             "premises": asdict(self.premises),
-            "sampler": record.sampler,
-            "versions": record.versions,
-            "data_sha256": self.data_sha256,
             "measurement": next(iter(self.tests.values())).measurement,
             "tests": {name: test.as_json() for name, test in self.tests.items() if name},
             "compared_frfs": [{"test": test, **asdict(f)} for test, frfs in self.compared_frfs.items() for f in frfs],
@@ -462,20 +452,13 @@ def check_json(check: PredictiveCheck, diagnosis: Diagnosis) -> dict[str, Any]:
     """What ``check`` of ``summary.json`` holds."""
     white = check.whiteness
     return {
-        "explains": check.explains,
-        "finding": check.finding,
-        "sentence": check.sentence,
-        "details": check.details,
+        **attributes_of(check, "explains", "finding", "sentence", "details", "level"),
+        **attributes_of(check, "chi2_per_line", "chi2_band", "chi2_p_value", "whiteness_p_value"),
         "causes": [] if check.explains else list(diagnosis.causes),
         "diagnosis": None if check.explains else diagnosis.sentence,
-        "chi2_per_line": check.chi2_per_line,
-        "chi2_band": list(check.chi2_band),
-        "chi2_p_value": check.chi2_p_value,
-        "level": check.level,
         "pattern": None if white is None else check.pattern,
         "whiteness": None if white is None else white.statistic,
         "whiteness_limit": None if white is None else white.limit(check.test_level),
-        "whiteness_p_value": check.whiteness_p_value,
         "lag_correlations": [] if white is None else list(white.correlations),
         "false_alarm": check.test_level,
         "largest_residual_sd": check.largest,
@@ -500,11 +483,6 @@ def _correlations(posterior: Sampled) -> dict[tuple[str, str], float]:
     return {(names[i], names[j]): float(matrix[i, j]) for i, j in pairs if abs(matrix[i, j]) > _LEAST_CORRELATION}
 
 
-def _interval95(values: Array) -> Interval:
-    low, high = np.quantile(values, [0.025, 0.975]).tolist()
-    return low, high
-
-
 def stiffness_summary(posterior: Sampled, index: int, name: str) -> StiffnessSummary:
     """The numbers of the stiffness at one place."""
     values, r_hat = posterior.values(name), posterior.record.r_hat
@@ -515,7 +493,7 @@ def stiffness_summary(posterior: Sampled, index: int, name: str) -> StiffnessSum
         map=float(posterior.estimate.values[index]),
         mode=posterior.mode[name],
         mean=float(values.mean()),
-        prior_interval95=_interval95(posterior.prior_values(name)),
+        prior_interval95=equal_tailed(posterior.prior_values(name), 0.95),
         r_hat=r_hat[posterior.problem.parametrisation.standing_for(name)],
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
@@ -535,8 +513,8 @@ def nuisance_summary(posterior: Sampled, index: int) -> NuisanceSummary:
         map=float(prior.nuisance_values(posterior.estimate.theta)[index]),
         median=float(np.median(values)),
         sd_log=sd,
-        interval95=_interval95(values),
-        prior_interval95=_interval95(before),
+        interval95=equal_tailed(values, 0.95),
+        prior_interval95=equal_tailed(before, 0.95),
         contraction=1 - (sd / prior_sd) ** 2,
         r_hat=posterior.record.r_hat[nuisance.name],
         ess_bulk=ess_bulk,

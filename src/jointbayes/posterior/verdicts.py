@@ -1,10 +1,10 @@
 """The verdict on each stiffness of a posterior: the rule for its draws, and what may stand against it.
 
-In order: the draws are judged by `VerdictRule`. A run that failed has no verdict, nor has one whose model does not
-explain measured data, which no structure's quite does, see `jointbayes.posterior.decision`; of computed data it makes
-the verdict conditional. A stiffness to which several modes give different values is not identified. Where the
-likelihood stays open as far as a bound of the prior, that bound and not the data ends the interval, and the stiffness
-is bounded on the other side.
+In order: the draws are judged by `VerdictRule`. A run that has not settled has no verdict where its Monte Carlo error
+could change the class. Nor has one whose model does not explain measured data, which no structure's quite does, see
+`jointbayes.posterior.decision`; of computed data it makes the verdict conditional. A stiffness to which several modes
+give different values is not identified. Where the likelihood stays open as far as a bound of the prior, that bound and
+not the data ends the interval, and the stiffness is bounded on the other side.
 """
 
 import math
@@ -17,7 +17,15 @@ import numpy as np
 from jointbayes.inference import JointPrior, OfStiffness
 from jointbayes.phrases import Because, Reason, counted
 from jointbayes.posterior.checks import check_of
-from jointbayes.posterior.identifiability import CERTAINTY, Side, Verdict, VerdictClass, assess, with_test_alone
+from jointbayes.posterior.identifiability import (
+    CERTAINTY,
+    Side,
+    Verdict,
+    VerdictClass,
+    assess,
+    with_ends,
+    with_test_alone,
+)
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of, model_error_of
 from jointbayes.posterior.prediction import further_measurement
@@ -100,48 +108,93 @@ def advice_on_solutions(posterior: Sampled) -> str:
 
 
 def reasons_for_no_verdict(posterior: Sampled) -> tuple[Because, ...]:
-    """Why a run gives no verdict on any stiffness; empty where it does."""
-    reasons, check, error = [], check_of(posterior), model_error_of(posterior)
-    if not posterior.converged:
-        reasons.append(Because(Reason.NOT_CONVERGED))
-    if not mode_agrees(posterior):
-        gain = posterior.best.log_density - posterior.estimate.log_posterior
-        if gain > _SAME_DENSITY:
-            reasons.append(Because(Reason.BEST_FIT_MISSED, {"gain": gain}))
-        else:
-            reasons.append(Because(Reason.BEST_FITS_APART, {"distance_sd": mode_distance(posterior), "loss": -gain}))
-    if not check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
-        misfit = Because(Reason.MISFIT, {"times": math.sqrt(check.chi2_per_line)})
-        reasons.append(misfit if check.level == "above" else Because(Reason.PATTERN))
-    if error is not None and error.grade == "impossible":
-        reasons.append(Because(Reason.NO_MODEL, {"findings": error.findings}))
-    return tuple(reasons)
+    """Why a run gives no verdict on any stiffness; empty where it does on one."""
+    each = [judge_stiffness(posterior, name) for name in posterior.stiffness_names]
+    if not each or any(verdict.cls != "no verdict" for verdict in each):
+        return ()
+    return tuple(reason for reason in each[0].reasons if all(reason in verdict.reasons for verdict in each))
 
 
 @once
 def judge_stiffness(posterior: Sampled, name: str) -> Verdict:
     """Judge one stiffness or other quantity by the draws of a run.
 
+    1. Judge the draws by the rule.
+    2. Collect what forbids a verdict: the search, the misfit, the mesh, and a run that has not settled where its Monte
+       Carlo error could change the class.
+    3. Hold the verdict against the solutions, the prior's bounds and the likelihood.
+
     Raises
     ------
     ModelError
         If there is no such quantity.
     """
-    error = partial(quantile_error, by_ensemble(posterior, name))
-    rule = rule_of(posterior, name)
+    # 1. the draws
+    draws, rule, converged = by_ensemble(posterior, name), rule_of(posterior, name), posterior.converged
+    error = partial(quantile_error if converged else _error_of_unsettled, draws)
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name), rule)
-    against, mesh = [*reasons_for_no_verdict(posterior)], mesh_of(posterior)
+    # 2. what forbids a verdict
+    against, check, mesh = list[Because](), check_of(posterior), mesh_of(posterior)
+    model_error, bodies = model_error_of(posterior), measured_bodies_of(posterior)
+    if not (converged or _holds_unsettled(posterior, name, drawn)):
+        against.append(Because(Reason.NOT_CONVERGED))
+    if not mode_agrees(posterior):
+        gain = posterior.best.log_density - posterior.estimate.log_posterior
+        if gain > _SAME_DENSITY:
+            against.append(Because(Reason.BEST_FIT_MISSED, {"gain": gain}))
+        else:
+            against.append(Because(Reason.BEST_FITS_APART, {"distance_sd": mode_distance(posterior), "loss": -gain}))
+    if not check.explains and not any(test.data.synthetic for test in posterior.problem.tests):
+        misfit = Because(Reason.MISFIT, {"times": math.sqrt(check.chi2_per_line)})
+        against.append(misfit if check.level == "above" else Because(Reason.PATTERN))
+    if model_error is not None and model_error.grade == "impossible":
+        against.append(Because(Reason.NO_MODEL, {"findings": model_error.findings}))
     if mesh is not None and mesh.moves(name):
         against.append(Because(Reason.MESH, {"shift_sd": abs(mesh.shift_sd[name])}))
     if against:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at = [Because(Reason.AT_BOUND, _bound(posterior, name, side)) for held, side in reach if held == name]
         return replace(drawn, cls="no verdict", reasons=(*against, *at))
-    found = conclude(posterior, name, drawn, posterior.theta, lambda: region_of(posterior))
-    bodies = measured_bodies_of(posterior)
+    # 3. solutions, bounds and likelihood
+    found = _concluded(posterior, name, drawn)
     if bodies is not None and bodies.ignored and not solutions_of(posterior).reason(name):
         found = replace(found, reasons=(*found.reasons, Because(Reason.BODIES, {"noise": bodies.noise})))
-    return found
+    return found if converged else replace(found, reasons=(*found.reasons, Because(Reason.HOLDS_UNSETTLED)))
+
+
+def _error_of_unsettled(draws: Array, probability: float) -> float:
+    """Monte Carlo error of a quantile of draws, (ensembles, steps, walkers), no less than the ensembles scatter."""
+    each = np.quantile(draws, probability, axis=(1, 2))
+    scatter = float(each.std(ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else 0.0
+    return max(quantile_error(draws, probability), scatter)
+
+
+def _holds_unsettled(posterior: Sampled, name: str, drawn: Verdict) -> bool:
+    """Whether the class of a run that has not settled is the same wherever its Monte Carlo error may have put the ends.
+
+    Each end is moved outwards and inwards by twice its error, and each ensemble is judged by its own draws as well.
+    Of several modes the probabilities are not settled, and the class depends on them.
+    """
+    if len(posterior.estimate.starts_for_draws) > 1 or not np.isfinite(drawn.interval_error).all():
+        return False
+    low, high = drawn.interval
+    errors = np.array(drawn.interval_error)
+    theta, ensemble = posterior.theta, np.repeat(posterior.draws["ensemble"].values, posterior.log_density.shape[1])
+    classes = set[VerdictClass]()
+    for side in (0.0, -2.0, 2.0):
+        ends = low + side * errors[0], high - side * errors[1]
+        if not ends[0] < ends[1]:
+            return False
+        moved = with_ends(drawn, ends, rule_of(posterior, name))
+        for part in (theta, *(theta[ensemble == number] for number in np.unique(ensemble))):
+            classes.add(_concluded(posterior, name, moved, part).cls)
+    return len(classes) == 1
+
+
+def _concluded(posterior: Sampled, name: str, drawn: Verdict, theta: Array | None = None) -> Verdict:
+    """What `conclude` says of a run, by default of all its draws."""
+    theta = posterior.theta if theta is None else theta
+    return conclude(posterior, name, drawn, theta, lambda: region_of(posterior))
 
 
 def conclude(

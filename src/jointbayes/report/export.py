@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledShapes, Modal
 from jointbayes.inference import Problem
-from jointbayes.phrases import not_converged
+from jointbayes.phrases import NO_VERDICT_NO_USE, not_converged
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.identifiability import CERTAINTY
 from jointbayes.posterior.verdicts import line_of, reason_lines
@@ -149,7 +149,7 @@ def _elements(
 
 def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units) -> list[str]:
     """Value, interval and verdict of each quantity, in capitals where it is not known."""
-    said = [] if posterior.converged else [not_converged(posterior.reason)]
+    said = [] if posterior.converged else [not_converged(posterior.reason, NO_VERDICT_NO_USE)]
     for quantity, value in zip(part.parametrisation.quantities, part.prior.values(theta), strict=True):
         if not quantity.places:
             continue

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointbayes.inference import Problem, Test
-from jointbayes.phrases import DO_NOT_USE, WORKSHOP, listed, taken_as_exact
+from jointbayes.phrases import WORKSHOP, Reason, listed, taken_as_exact
 from jointbayes.posterior.decision import unseen_inputs
 from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
 from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_quantities
@@ -77,7 +77,10 @@ def _stops(inputs: ReportInputs) -> list[Block]:
     """What forbids the use of the numbers: it stands above everything."""
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
-        return [Callout("bad", f"**{sentence_start(DO_NOT_USE)}.** {sentence_start(posterior.reason)}.")]
+        lost = [name for name, each in summary.parameters.items() if each.known.cls == "no verdict"]
+        settled = "**The calculation has not converged.** Its Monte Carlo error changes no verdict."
+        text = f"**Do not use {_more(lost)}.**" if lost else settled
+        return [Callout("bad" if lost else "caution", f"{text} {sentence_start(posterior.reason)}.")]
     if summary.no_verdict:
         return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     return []
@@ -260,7 +263,7 @@ def _premises(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
 def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
     """What keeps the answer from being better, the most important first."""
     summary, premises = inputs.summary, inputs.posterior.problem.premises
-    if not inputs.posterior.converged:
+    if Reason.NOT_CONVERGED in {because.reason for p in summary.parameters.values() for because in p.known.reasons}:
         return "The calculation: nothing can be said before it has converged."
     parts = []
     if premises.reason:

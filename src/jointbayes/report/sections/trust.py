@@ -2,7 +2,7 @@
 
 import math
 
-from jointbayes.phrases import DO_NOT_USE
+from jointbayes.phrases import NO_VERDICT_NO_USE
 from jointbayes.posterior import PredictiveCheck
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.summary import Summary, TestSummary
@@ -37,7 +37,7 @@ def _calculation(inputs: ReportInputs) -> tuple[str, str]:
     posterior, summary = inputs.posterior, inputs.summary
     if not posterior.converged:
         how = f"Run it longer ([sampling] {posterior.record.limit_to_raise})."
-        return "not settled", f"Not converged: {DO_NOT_USE}. {how}"
+        return "not settled", f"Not converged: {NO_VERDICT_NO_USE}. {how}"
     if not mode_agrees(posterior):
         away = number(mode_distance(posterior), 2)
         return "best fit missed", f"The search missed the best fit: it lies {away} standard deviations away."
