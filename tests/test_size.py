@@ -26,8 +26,8 @@ ROOMS = {
     "posterior": (3700, 4946),
     "studies": (1700, 1740),
     "case": (4000, 4981),
-    "report": (2900, 3584),
-    "cli and what stands alone": (1400, 1864),
+    "report": (2900, 3585),
+    "cli and what stands alone": (1400, 1867),
 }
 
 
