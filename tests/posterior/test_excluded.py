@@ -107,6 +107,7 @@ def drawn_by_weights(problem):
     best = SimpleNamespace(theta=theta[height.argmax()])
     posterior = SimpleNamespace(
         problem=problem,
+        converged=True,
         theta=theta[rows],
         log_density=problem.log_posterior(theta[rows]).reshape(_CHAINS, -1),
         draws={"ensemble": SimpleNamespace(values=np.repeat([0, 1], _CHAINS // 2))},
