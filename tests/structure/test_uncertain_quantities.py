@@ -132,15 +132,3 @@ def test_modes_that_change_places_are_not_tabulated_at_more_and_more_points():
 
     assert shape_modes.tabulated(modes_at, np.eye(2)[:, :1], [(-1.0, 1.0)]) is None
     assert len(solved) < 4 + 6 + 8 + 11 + 15
-
-
-def test_of_more_modes_than_any_table_holds_none_is_made(monkeypatch):
-    def none(*_arguments):
-        raise AssertionError("a table was begun")
-
-    wire = jb.BeamRecipe(0.383, jb.Section.circle(5e-5), STEEL, jb.ModalDamping((0.01,)))
-    ranges = {"length": (-0.03, 0.03)}
-    family = jb.BeamFamily(wire, ranges).at(("1:y", "1:rz", "11:y"), 2500.0)
-    monkeypatch.setattr("jointbayes.structure.shape_modes.tabulated", none)
-    eigenvalues, _ = free_modes(family)(np.ones((1, 1)))
-    assert eigenvalues.shape[1] > 60

@@ -337,8 +337,8 @@ def judged_names(posterior: Sampled) -> list[str]:
 
 def exact_inputs_of(posterior: Sampled) -> Mapping[str, ExactInputs]:
     """What verdicts take as exact, by stiffness; the same for all where `rows_of` was not made."""
-    if is_found(posterior, rows_of):
-        return inputs_taken_as_exact(rows_of(posterior))
+    if is_found(posterior, rows_of) and (rows := rows_of(posterior)):  # there are none of a run that has not converged
+        return inputs_taken_as_exact(rows)
     taken = taken_as_exact(posterior.problem, workshop_of(posterior))
     unseen = ExactInputs(taken, None, looked_at=False)
     return dict.fromkeys(posterior.stiffness_names, unseen) if taken else {}

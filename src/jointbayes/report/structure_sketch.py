@@ -105,7 +105,7 @@ def _drawing(problem: Problem) -> _Drawing | None:
     if places.to_scale:  # ground is away from what it holds
         for i, mark in enumerate(marks):
             if mark.ground:  # along an axis of the paper, away from the middle, of a corner downwards
-                away = (mark.place - low) / half - 1
+                away = np.divide(mark.place - low - half, half, out=np.zeros(2), where=half > 0)  # 0 across a line
                 axis = int(abs(away[1]) >= min(abs(away[0]), 0.9))
                 marks[i] = replace(mark, ground=(np.eye(2)[axis] * (np.sign(away[axis]) or 1.0),))
     sides = 0.14 if len(outlines) == 1 else 0.26  # beside a frame there is room for names
