@@ -58,8 +58,8 @@ def _claimed(line: str) -> list[tuple[str, str]]:
 
 
 def fingerprint(path: Path) -> str:
-    """Of what a case file says, with the files it builds on, comments and layout aside."""
-    content = json.dumps(read_case_text(path).data, sort_keys=True)
+    """Of what a case file says, with the files it builds on; comments, layout and `[about]` move no number."""
+    content = json.dumps({key: of for key, of in read_case_text(path).data.items() if key != "about"}, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
