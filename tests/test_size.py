@@ -22,12 +22,12 @@ ROOMS = {
     "frf": (2000, 2060),
     "inference": (2500, 2740),
     "identification": (1250, 1410),
-    "sampling": (1300, 2169),
-    "posterior": (3700, 4946),
+    "sampling": (1300, 2180),
+    "posterior": (3700, 4947),
     "studies": (1700, 1740),
-    "case": (4000, 4981),
+    "case": (4000, 4992),
     "report": (2900, 3585),
-    "cli and what stands alone": (1400, 1867),
+    "cli and what stands alone": (1400, 1870),
 }
 
 

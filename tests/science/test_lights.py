@@ -122,7 +122,7 @@ def seen(seed, model=None, damping=0.01, sensor=None, places=("11:y", "8:y", "6:
 
 def seen_of(posterior):
     """The lights of a posterior, without what takes longer: knowledge, profiles and the next step."""
-    inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary())
+    inputs = SimpleNamespace(posterior=posterior, summary=posterior.summary(), computed="")
     inputs.tests = ReportInputs.tests.fget(inputs)
     lights = lights_of(inputs).lights
     off = (f"{frf.output}/{frf.input}" for frfs in compared_frfs_of(posterior).values() for frf in frfs if frf.faults)

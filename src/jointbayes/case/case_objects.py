@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
-from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec
+from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath, metres
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
@@ -125,7 +125,7 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
 
 def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    if not isinstance(data, MeasuredSpec):
+    if files_table(data) is None:
         return spec.recipe(data.loaded)
     loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
     return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))

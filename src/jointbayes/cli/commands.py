@@ -195,18 +195,19 @@ def _place_of(error: OSError) -> str:
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-@click.group(cls=_Commands, invoke_without_command=True, context_settings=_SETTINGS)
+FIRST_STEP = "First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example)."
+_HELP = f"""Joint stiffness from vibration measurements, with uncertainty.
+
+{FIRST_STEP} Each command has more examples in its own --help."""
+
+
+@click.group(cls=_Commands, invoke_without_command=True, context_settings=_SETTINGS, help=_HELP)
 @click.version_option(package_name="jointbayes")
 @click.pass_context
 def main(context: click.Context) -> None:
-    """Joint stiffness from vibration measurements, with uncertainty.
-
-    First step: jointbayes init --from tip.csv (your measurement), or jointbayes init (an example). Each command has
-    more examples in its own --help.
-    """
+    """Prepare what every command needs, and name the first step where there is none."""
     if context.invoked_subcommand is None:
-        first_step = " ".join((main.help or "").split("\n\n")[1].split()).partition(" Each command")[0]
-        say(first_step, "Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
+        say(FIRST_STEP, "Then: jointbayes run my_case.toml. All commands: jointbayes --help.")
     # What a library warns of is one line like our own warnings, without the place in its source.
     warnings.showwarning = lambda message, kind, *_args, **_options: warn(str(message), code=kind.__name__)
     # Matplotlib says in three lines that the home directory cannot be written, which costs nothing here.

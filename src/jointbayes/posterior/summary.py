@@ -330,11 +330,13 @@ def summarise(
     estimate, problem = posterior.estimate, posterior.problem
     tests = summaries_of_tests(posterior, initial, measured_frequencies_hz)
     first = next((test for test in problem.tests if test.joints.size), problem.tests[0])
+    # Before the reasons for no verdict, because a stiffness that is held rigid is refused here.
+    parameters = {name: stiffness_summary(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)}
     return Summary(
         record=posterior.record,
         warnings=tuple(warnings),
         no_verdict=tuple(map(str, reasons_for_no_verdict(posterior))),
-        parameters={name: stiffness_summary(posterior, i, name) for i, name in enumerate(posterior.stiffness_names)},
+        parameters=parameters,
         nuisances={n.name: nuisance_summary(posterior, i) for i, n in enumerate(posterior.problem.prior.nuisances)},
         map=MapSummary(
             log_posterior=estimate.log_posterior,

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
@@ -859,6 +860,24 @@ class NaturalFrequenciesSpec(DataTable):
 
         frequency = np.array(self.frequencies_hz)
         return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
+
+
+@singledispatch
+def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
+    """The table of data that a stated truth makes."""
+    return None
+
+
+synthetic_table.register(SyntheticFrfSpec, lambda table: table)
+
+
+@singledispatch
+def files_table(data: DataTable) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
+    """The table of data that are in measurement files."""
+    return None
+
+
+files_table.register(MeasuredSpec, lambda table: table)
 
 
 DataSpec = Annotated[

@@ -23,6 +23,8 @@ from jointbayes.case.spec.data_table import (
     MeasuredFrfSpec,
     MeasuredSpec,
     SyntheticFrfSpec,
+    files_table,
+    synthetic_table,
 )
 from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
 from jointbayes.case.spec.prior_tables import (
@@ -140,12 +142,12 @@ class CaseSpec(Spec):
     @property
     def synthetic(self) -> SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return self.data if isinstance(self.data, SyntheticFrfSpec) else None
+        return synthetic_table(self.data)
 
     @property
     def files(self) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
-        return self.data if isinstance(self.data, MeasuredSpec) else None
+        return files_table(self.data)
 
     @property
     def measured_labels(self) -> frozenset[str]:

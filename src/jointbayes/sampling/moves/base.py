@@ -1,5 +1,8 @@
-"""What moves have in common, and the loop that makes them."""
+"""What moves have in common, and emcee's loop that makes them."""
 
+from typing import Any
+
+import emcee
 import numpy as np
 from emcee import State
 from emcee.model import Model
@@ -12,6 +15,23 @@ from jointbayes.sampling.ensemble import EnsembleState, MoveCount, StepBlock, We
 from vibrecords.arrays import Array, Flags, Indices
 
 Walkers = Indices | slice
+
+
+class Driver(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee is not typed
+    """emcee's sampler, whose state of random numbers is never read.
+
+    emcee copies the 624 words of the generator's state at every step. With vectorised moves that would be a fourth of
+    the time of a step.
+    """
+
+    @property
+    def random_state(self) -> None:
+        """Nothing: the next block has a seed of its own."""
+        return
+
+    @random_state.setter
+    def random_state(self, state: tuple[Any, ...]) -> None:
+        self._random.set_state(state)
 
 
 def settle(model: Model, state: State, walkers: Walkers, proposed: Array, log_factor: Array) -> Flags:
@@ -143,27 +163,35 @@ def advance(
     jointbayes.errors.SamplingError
         If the log-density returns NaN, +inf or an array of the wrong shape.
     """
-    # emcee's moves know only the Mersenne twister. Its own loop copies the 624 words of that one's state at every step,
-    # which would be a fourth of the time of a step.
-    random = np.random.RandomState(np.random.MT19937(seed))
-    model, singular = Model(Checked(log_density), None, map, random), getattr(log_density, "singular", 0)
-    now = State(state.theta, log_prob=state.log_density, copy=True)
-    weights = np.array([chosen.weight for chosen in moves])
-    weights /= weights.sum()
-    theta, height = np.empty((steps, *state.theta.shape)), np.empty((steps, len(state.theta)))
-    accepted, proposed = np.zeros(len(moves), dtype=int), np.zeros(len(moves), dtype=int)
-    for step in range(steps):
-        number = random.choice(len(moves), p=weights)
-        now, moved = moves[number].move.propose(model, now)
-        accepted[number] += np.count_nonzero(moved)
-        proposed[number] += moved.size
-        theta[step], height[step] = now.coords, now.log_prob
+    walkers, dimension = state.theta.shape
+    counted = {chosen.name: _Counted(chosen.move) for chosen in moves}
+    weighted = [(counted[chosen.name], chosen.weight) for chosen in moves]
+    sampler = Driver(walkers, dimension, None, moves=weighted, vectorize=True)
+    # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
+    sampler.log_prob_fn = Checked(log_density)
+    # emcee only knows the Mersenne twister, and takes its state with the positions, else NumPy's global one.
+    twister = np.random.RandomState(np.random.MT19937(seed))
+    singular = getattr(log_density, "singular", 0)
+    before = State(state.theta, log_prob=state.log_density, random_state=twister.get_state())
+    sampler.run_mcmc(before, steps, skip_initial_state_check=True)
     return StepBlock(
-        theta=theta,
-        log_density=height,
-        moves={
-            chosen.name: MoveCount(*counts)
-            for chosen, *counts in zip(moves, accepted.tolist(), proposed.tolist(), strict=True)
-        },
+        theta=sampler.get_chain(),
+        log_density=sampler.get_log_prob(),
+        moves={name: MoveCount(move.accepted, move.proposed) for name, move in counted.items()},
         singular=getattr(log_density, "singular", 0) - singular,
     )
+
+
+class _Counted:
+    """A move of emcee that counts; one per block, so that the steps depend on the state alone."""
+
+    def __init__(self, move: Move) -> None:
+        self.accepted = self.proposed = 0
+        self._move = move
+
+    def propose(self, model: Model, state: State) -> tuple[State, Flags]:
+        """Pass the move's step on."""
+        state, accepted = self._move.propose(model, state)
+        self.accepted += int(np.count_nonzero(accepted))
+        self.proposed += accepted.size
+        return state, accepted
