@@ -23,7 +23,7 @@ ROOMS = {
     "inference": (2500, 2740),
     "identification": (1250, 1410),
     "sampling": (1300, 2180),
-    "posterior": (3700, 4947),
+    "posterior": (3700, 4950),
     "studies": (1700, 1740),
     "case": (4000, 4992),
     "report": (2900, 3585),

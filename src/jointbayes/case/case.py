@@ -163,10 +163,10 @@ class Case:
         """The same problem, but with material, length and damping as uncertain as in a workshop.
 
         E to 3 %, density to 1 %, length to 0.5 %, damping free within a decade either way; what the case itself calls
-        uncertain stays as it says. None where the problem is not the text's, and of an answer that was decided, which
-        allows for all that already.
+        uncertain stays as it says. None where the problem is not the text's, or was not built from it, and of an answer
+        that was decided, which allows for all that already.
         """
-        if self.problem is not self.stated or self.problem.premises.reason:
+        if self.problem is not self.stated or not self.tests or self.problem.premises.reason:
             return None
         return in_workshop(self.problem)
 
