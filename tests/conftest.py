@@ -94,6 +94,10 @@ class StatedCase:
     verdict_rules: Mapping[str, VerdictRule] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
+    @property
+    def freed_problem(self) -> Problem | None:
+        return self.workshop_problem
+
 
 def of_case(posterior: Posterior, **stated: object) -> Posterior:
     """The posterior as one of a case that states this."""

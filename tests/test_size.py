@@ -25,7 +25,7 @@ ROOMS = {
     "sampling": (1300, 2180),
     "posterior": (3700, 4950),
     "studies": (1700, 1740),
-    "case": (4000, 4992),
+    "case": (4000, 5000),
     "report": (2900, 3585),
     "cli and what stands alone": (1400, 1870),
 }

@@ -166,7 +166,12 @@ class Case:
         uncertain stays as it says. None where the problem is not the text's, or was not built from it, and of an answer
         that was decided, which allows for all that already.
         """
-        if self.problem is not self.stated or not self.tests or self.problem.premises.reason:
+        return self.freed_problem if self.tests else None
+
+    @cached_property
+    def freed_problem(self) -> Problem | None:
+        """`workshop_problem`, also of a case that came with draws from a file, whose tests were not built from it."""
+        if self.problem is not self.stated or self.problem.premises.reason:
             return None
         return in_workshop(self.problem)
 

@@ -23,7 +23,7 @@ import xarray as xr
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
 from jointbayes.identification import ModeSearch
-from jointbayes.inference import Landing, Normal, Nuisance, Problem, hypothesis_problem, in_workshop
+from jointbayes.inference import Landing, Normal, Nuisance, Problem, hypothesis_problem
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.checks import PredictiveCheck, checks_of
 from jointbayes.posterior.coordinates import by_names, coordinate_systems, judged_quantities
@@ -339,10 +339,8 @@ def exact_inputs_of(posterior: Sampled) -> Mapping[str, ExactInputs]:
     """What verdicts take as exact, by stiffness; the same for all where `rows_of` was not made."""
     if is_found(posterior, rows_of) and (rows := rows_of(posterior)):  # there are none of a run that has not converged
         return inputs_taken_as_exact(rows)
-    problem, case, freed = posterior.problem, posterior.case, workshop_of(posterior)
-    if case is not None and problem is case.stated and not problem.premises.reason:  # also where a file was loaded
-        freed = in_workshop(problem)
-    taken = taken_as_exact(problem, freed)
+    freed = None if posterior.case is None else posterior.case.freed_problem
+    taken = taken_as_exact(posterior.problem, freed)
     unseen = ExactInputs(taken, None, looked_at=False)
     return dict.fromkeys(posterior.stiffness_names, unseen) if taken else {}
 

@@ -127,6 +127,10 @@ class SampledCase(Protocol):
         """The same problem with more quantities uncertain."""
 
     @property
+    def freed_problem(self) -> Problem | None:
+        """The same, also of a case that came with draws from a file."""
+
+    @property
     def default_priors(self) -> Collection[str]:
         """Coordinates whose prior nobody stated."""
 
