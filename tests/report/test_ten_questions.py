@@ -26,7 +26,8 @@ ANSWERS = {
     "What if E is 3 % off?": r"as in a workshop \(.*to 3 %|Uncertain as the case states: |is taken as exact",
     "Can I trust the calculation?": r"Calculation.{0,20}(Converged|Not converged|The )",
     "Can I trust the model?": r"Model.{0,20}(Explains the data|Does not explain the data)",
-    "How large are the residuals?": r"Residuals are [\d.]+ times the noise.{0,40}; noise alone gives [\d.]+ to [\d.]+",
+    "How large are the residuals?": r"Residuals are [\d.]+ times the noise(?:, in a pattern along frequency)?; "
+    r"noise alone gives [\d.]+ to [\d.]+",
     "Can I trust the data?": r"Data.{0,20}(Computed|\d+ measured values|Check )",
     "What limits the answer?": r"What limits the answer\. .{20,}",
     "What next?": r"Next\. .{20,}",

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import Any, Literal, get_args, get_origin
+from typing import Literal, get_args, get_origin
 
 import pydantic
 from pydantic import BaseModel, ValidationError
@@ -480,7 +480,8 @@ def shared_findings(specs: Mapping[str, CaseSpec], texts: Mapping[str, CaseText]
                 other_kind, remedy = " and ".join(unlike), "make them alike or add own = true"
                 fault = f"found another {other_kind} than in test {first}, with which it shares its quantities"
                 yield test, Finding((*joint_table(name), key), fault, "joints alike, or own = true", remedy)
-    yield from _unlike_factors(specs)
+    yield from _unlike_spreads(specs)
+    yield from _unlike_priors(specs)
     yield from _shared_bodies(specs)
 
 
@@ -509,28 +510,35 @@ def integral_findings(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Find
         yield test, Finding(("noise", "scale"), fault, expected, "add own = true to [noise]")
 
 
-def _unlike_factors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
-    """Yield what tests share and state otherwise: priors of quantities or noise, a spread in mm of unlike lengths."""
-    first: dict[tuple[str, ...], tuple[str, Any]] = {}
+def _unlike_priors(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield a prior of an uncertain quantity, or of the noise, that tests share and of which they state others."""
+    first: dict[tuple[str, ...], tuple[str, object]] = {}
     for test, spec in specs.items():
-        given = {name: prior for name, prior in spec.uncertain.given.items() if not prior.own}
-        shared: dict[tuple[str, ...], Any] = {
-            (*quantity_table(name), "sd_mm"): spec.structure.stated[name][1]
-            for name, prior in given.items()
-            if name.rpartition(".")[2] == "length" and getattr(prior, "sd_mm", None) is not None
+        shared: dict[tuple[str, ...], object] = {
+            quantity_table(name): prior for name, prior in spec.uncertain.given.items() if not prior.own
         }
-        shared |= {quantity_table(name): prior for name, prior in given.items()}
         noise, error = spec.noise, spec.uncertain.model_error
         if noise.scale == "sampled" and not noise.own:
             shared["noise",] = noise.scale_low_factor, noise.scale_high_factor
         if error is not None and not error.own:
             shared[quantity_table("model_error")] = error
-        for place, stated in shared.items():
-            other, there = first.setdefault(place, (test, stated))
-            if stated != there and place[-1] == "sd_mm":
-                fault = f"found one factor for lengths of {there:g} mm in {other} and {stated:g} mm in {test}"
-                expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
-                yield test, Finding(place, fault, expected, "choose one of these")
-            elif stated != there:
+        for place, prior in shared.items():
+            other, there = first.setdefault(place, (test, prior))
+            if prior != there:
                 fault = f"found another prior than in test {other}, with which it shares the quantity"
                 yield test, Finding(place, fault, "one for all, or own = true", "state one, or add own = true")
+
+
+def _unlike_spreads(specs: Mapping[str, CaseSpec]) -> Iterator[tuple[str, Finding]]:
+    """Yield a factor that several tests share with a standard deviation in mm of lengths that differ."""
+    first: dict[str, tuple[str, float]] = {}
+    for test, spec in specs.items():
+        for name, prior in spec.uncertain.given.items():
+            if prior.own or name.rpartition(".")[2] != "length" or getattr(prior, "sd_mm", None) is None:
+                continue
+            length = spec.structure.stated[name][1]
+            other, there = first.setdefault(name, (test, length))
+            if length != there:
+                fault = f"found one factor for lengths of {there:g} mm in {other} and {length:g} mm in {test}"
+                expected = "sd_percent, own = true for an error of each, or [uncertain.length_offset] for one of all"
+                yield test, Finding((*quantity_table(name), "sd_mm"), fault, expected, "choose one of these")

@@ -182,7 +182,7 @@ def draws_from_two_origins(
             if not log_weight.size:
                 break
             log_z = float(np.logaddexp.reduce(log_weight)) - math.log(total)
-            weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
+            weight = _normalised(log_weight)
             independent = 1 / float(weight @ weight)
             error, effective = interval_errors(quantities.values(theta), weight)
             unmet = unmet_by(error, effective, 0.0, tolerance=END_TOLERANCE, least=LEAST_EFFECTIVE, enough=ENOUGH)
@@ -349,8 +349,7 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
 
 def _normalised(log_weight: Array) -> Array:
     """Weights that sum to one, shape (n,), of their logarithms."""
-    weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(weight / weight.sum())
+    return np.exp(log_weight - np.logaddexp.reduce(log_weight))
 
 
 def interval_errors(values: Array, weight: Array) -> tuple[float, float]:

@@ -60,14 +60,13 @@ def _model(inputs: ReportInputs) -> tuple[str, str]:
     bodies, error = summary.measured_bodies, summary.model_error
     if bodies is not None and not bodies.within:
         return "noise of bodies ignored" if bodies.ignored else "noise of bodies", foreign(bodies.sentence)
+    of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
     if error is None or not worst.check.explains or worst.check.finding == "noise overstated":
-        of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 and worst.check.explains else of_test
-        text = sentence_start(explained(worst.check, of_all))
+        text = sentence_start(explained(worst.check, (of_all or of_test) if worst.check.explains else of_test))
         if worst.check.explains:
-            return "explained" if worst.check.finding == "explained" else worst.check.finding, text
+            return worst.check.finding, text
         suspect = f" Check the sensor of FRF {foreign(worst.diagnosis.sensor)}." if worst.diagnosis.sensor else ""
         return "misfit", f"{text} {worst.diagnosis.measure}{suspect}".rstrip()
-    of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
     # The size of an inferred error says how good the model is: residuals are small next to any such size.
     if error.grade == "negligible":
         return "explained", f"Explains the modes{of_all}."
