@@ -48,7 +48,7 @@ def made_up(name, text, joint):
     prior = case.problem.prior
     middle = np.concatenate([prior.parametrisation.coordinates(joint), np.zeros(len(prior.nuisances))])
     widths = np.concatenate([np.full(len(joint), 0.02), 0.3 * prior.sd[len(joint) :]])
-    return of_case(posterior_about(case, middle, widths), title=case.title)
+    return of_case(posterior_about(case, middle, widths), title=case.title, stated=None)
 
 
 def report_of(posterior):

@@ -221,7 +221,7 @@ def read_posterior(
     if passed:
         stored.require_same_density(problem, values, log_density, before, passed=True)
     tree = values_tree(problem, values, log_density, ensemble, before)
-    return problem, tree, replace(record, of_case_text=record.of_case_text and not passed)
+    return problem, tree, record
 
 
 def read_stored(path: str | os.PathLike[str]) -> StoredFile:
