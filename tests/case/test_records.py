@@ -8,20 +8,28 @@ import pytest
 from benchmarks.written_files import write_records
 
 import jointbayes as jb
-from tests.conftest import TABLE_3, best_of, cheap_text, edited
-from tests.virtual_test import VirtualTest, simulate
+from tests.conftest import TABLE_3, best_of, cheap_text, pair_matrix
+from tests.simulated import ChannelNoise, Hammer, Rig, hammer_records, shaker_records
 from vibrecords.formats import iter_records
 from vibrecords.records import TimeRecord
 
 VARIANCE = '[data.variance]\nsource = "coherence"\nrelative = 0.003\n'
 
 
-def virtual_records(path: Path, test: VirtualTest, kind: str = "npz") -> None:
-    """Measure the small beam with the published joint, as accelerance, and keep the records."""
-    quantity = ('quantity = "receptance"', 'quantity = "accelerance"')
-    band = ("f_max_hz = 2500.0", "f_max_hz = 1000.0")
-    case = jb.case_from_text("virtual", edited(cheap_text(), quantity, band))
-    write_records(simulate(case, test, seed=5), path, kind)
+def measure(
+    path: Path, hammer: Hammer | None = None, averages: int = 0, block_s: float = 1.4, kind: str = "npz"
+) -> None:
+    """Write hits on the tip of the small beam with the published joint, or blocks of a shaker there."""
+    model = jb.case_from_text("beam", cheap_text()).problem.test
+
+    def accelerance(lines: np.ndarray) -> np.ndarray:
+        receptance = model.receptance_model(jb.Ports(lines, ("5:y",), ("5:y",))).receptance(pair_matrix(TABLE_3))[0]
+        return (2j * np.pi * lines[:, None, None]) ** 2 * receptance
+
+    block, noise, rng = round(8000 * block_s), ChannelNoise(0.0005, 0.001), np.random.default_rng(3)
+    rig = Rig(accelerance, ("5:y",), ("5:y",), "accelerance", 8000.0, block, 2.6)
+    made = hammer_records(rig, hammer, noise, rng) if hammer else shaker_records(rig, averages * block, noise, rng)
+    write_records(list(made), path, kind)
 
 
 def loaded(folder: Path, records: str, variance: str = VARIANCE) -> jb.Case:
@@ -43,8 +51,7 @@ def k22_of(case: jb.Case) -> tuple[float, float]:
 
 
 def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
-    test = VirtualTest("impact", "time", averages=6, double_hits=1, overloads=1)
-    virtual_records(tmp_path / "hits.npz", test, "uff58b")
+    measure(tmp_path / "hits.npz", Hammer(6, 1e-3, double_hits=1, overloads=1), kind="uff58b")
     case = loaded(tmp_path, '[data.records]\nmethod = "impact"\nforce_window_s = 0.004')
     assert case.problem.test.data.frf.averages == 6
     assert any("from 6 of 8 hits" in note for note in case.problem.test.data.provenance.notes)
@@ -75,7 +82,7 @@ def recording(path: Path, gap_s: float) -> None:
 
 @pytest.mark.parametrize("gap_s", [None, 0.1])
 def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
-    virtual_records(tmp_path / "hits.npz", VirtualTest("impact", "time", averages=10), "uff58b")
+    measure(tmp_path / "hits.npz", Hammer(10, 1e-3), kind="uff58b")
     if gap_s:
         recording(tmp_path / "hits.npz", gap_s)
     case = loaded(tmp_path, "", variance="")
@@ -90,13 +97,13 @@ def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
 
 
 def test_a_force_of_no_hammer_needs_to_be_told_how(tmp_path):
-    virtual_records(tmp_path / "hits.npz", VirtualTest("shaker", "time", averages=4, block_s=1.0))
+    measure(tmp_path / "hits.npz", averages=3, block_s=1.0)
     with pytest.raises(jb.CaseError, match=r"no hammer's; expected hits.*write method = \"shaker\" and block_s"):
         loaded(tmp_path, "", variance="")
 
 
 def test_shaker_records_become_frfs(tmp_path):
-    virtual_records(tmp_path / "hits.npz", VirtualTest("shaker", "time", averages=40, block_s=4.0))
+    measure(tmp_path / "hits.npz", averages=21, block_s=4.0)  # each half a block further: 41 blocks
     case = loaded(tmp_path, '[data.records]\nmethod = "shaker"\nblock_s = 4.0')
     assert np.diff(case.problem.test.data.frf.frequency_hz) == pytest.approx(0.5)  # Hann: of two lines one
     assert case.problem.test.data.frf.averages == pytest.approx(40, abs=1)

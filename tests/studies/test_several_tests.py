@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 import jointbayes as jb
 from jointbayes.inference import hypothesis_problem
@@ -15,7 +15,6 @@ from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES
 from tests.science.calibration import simulated_problem, simulated_values
 from tests.studies.test_calibration_simulation import require_no_score
-from tests.virtual_test import Truth, simulate
 
 
 def case_of(more, base=BASE):
@@ -43,22 +42,6 @@ def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
     alone = case_of("").problem
     one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
     assert_array_equal(one.test.data.frf.values, simulated_values(alone, theta, np.random.default_rng(1)))
-
-
-def test_each_test_is_measured_in_a_virtual_test():
-    case = case_of(TWO + HEARD.replace("natural_frequencies", "natural_frequencies"))
-    records = simulate(case, test="short", seed=1)
-    assert {record.response for record in records} == {"11:y", "6:y"} or len(records) == 2
-    lines = np.array([100.0, 400.0])
-    part = case.problem.part("short")
-    model = part.test.receptance_model(jb.Ports(lines, ("6:y",), ("11:y",)))
-    exact = model.receptance(part.prior.matrix(np.log(TABLE_3)[None]))[0]
-    assert_allclose(Truth(case, "short").frf(lines, ("6:y",)).values, exact, rtol=1e-6)
-    refused(lambda: simulate(case, seed=1), jb.CaseError, "expected one of long, short, heard")
-    with pytest.raises(
-        jb.CaseError, match=r"^case:\d+: tests.heard.data.kind: found \"natural_frequencies\"; expected"
-    ):
-        simulate(case, test="heard", seed=1)
 
 
 def test_hypotheses_are_those_of_every_test():
