@@ -1,153 +1,197 @@
 """Runs a target on many inputs in a process of its own, which is replaced when an input kills it."""
 
-import json
+import faulthandler
+import importlib
+import logging
 import os
 import random
-import select
+import resource
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections import Counter
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from jointbayes.errors import JointBayesError
 from tests.fuzz.targets import Target
-from tests.fuzz.worker import Verdict, load_target
 
-_ROOT = Path(__file__).resolve().parents[2]
-#: An input that neither ends nor computes, s; and one that a busy machine has not let compute.
-_IDLE_SECONDS, _WALL_SECONDS = 30.0, 300.0
+_WALL_SECONDS = 120.0  # an input that has neither ended nor computed its time until then
 _KILL = 1.5  # times the target's computing time: those between are told slow by the worker itself
-_LOOK_SECONDS = 0.5
-_MINIMISE_SECONDS, _MINIMISE_ATTEMPTS = 15.0, 300
+_MINIMISE_ATTEMPTS = 300
 _KEPT_OF_A_KIND = 3
 
 
-class Attacker:
+@dataclass(frozen=True)
+class Verdict:
+    """What an input did: "accepted" and "refused" are right, anything else is a fault of the package."""
+
+    kind: str
+    text: str = ""
+    where: str = ""
+
+    @property
+    def right(self) -> bool:
+        """Whether the package did what it should."""
+        return self.kind in ("accepted", "refused")
+
+
+def load_target(place: str) -> Target:
+    """The target at ``module:name``, of the `TARGETS` of a module."""
+    module, name = place.split(":")
+    return importlib.import_module(module).TARGETS[name]
+
+
+# ---- in the process that attempts inputs
+
+
+def _files(root: Path) -> Iterator[str]:
+    for folder, folders, files in os.walk(root):
+        yield from (os.path.join(folder, name) for name in (*folders, *files))
+
+
+@contextmanager
+def _memory(most: int) -> Iterator[None]:
+    """Address space bound while an input is attempted, so that a bomb ends in MemoryError and not in the machine's."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, ((most if hard == resource.RLIM_INFINITY else min(most, hard)), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def _where(error: BaseException) -> str:
+    """File and function of the packages where an error was raised: faults at one place are one fault."""
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = tuple(f"{os.sep}{package}{os.sep}" for package in ("jointbayes", "vibrecords"))
+    last = ([frame for frame in frames if any(package in frame.filename for package in ours)] or frames)[-1]
+    return f"{type(error).__name__} in {Path(last.filename).name}:{last.name}"
+
+
+def _attempted(target: Target, path: Path) -> Verdict:
+    try:
+        target.attempt(path)
+    except JointBayesError as error:
+        fault = target.message_fault(str(error), path)
+        return Verdict("message", f"{fault}: {error!s}", fault) if fault else Verdict("refused")
+    except BaseException as error:
+        kind = "memory" if isinstance(error, MemoryError) else "traceback"
+        return Verdict(kind, traceback.format_exc(), _where(error))
+    return Verdict("accepted")
+
+
+def judge(target: Target, path: Path, root: Path) -> Verdict:
+    """Attempt one input and look at all that it did."""
+    before, printed, begun = set(_files(root)), os.fstat(1).st_size, os.times()
+    with warnings.catch_warnings(record=True) as caught, _memory(target.memory):
+        warnings.simplefilter("always")
+        verdict = _attempted(target, path)
+    spent = sum(os.times()[:4]) - sum(begun[:4])  # with that of processes that were waited for
+    sys.stdout.flush()
+    sys.stderr.flush()
+    left = sorted(set(_files(root)) - before)
+    for name in reversed(left):
+        os.rmdir(name) if os.path.isdir(name) and not os.path.islink(name) else os.unlink(name)
+    if not verdict.right:
+        return verdict
+    if left:
+        return Verdict("file left", ", ".join(os.path.relpath(name, root) for name in left), verdict.kind)
+    if caught:
+        first = caught[0]
+        place = f"{first.category.__name__} in {Path(first.filename).name}"
+        return Verdict("warning", f"{first.filename}:{first.lineno}: {first.message}", place)
+    if os.fstat(1).st_size > printed:
+        return Verdict("printed", (root / "printed").read_text(errors="replace")[printed:], verdict.kind)
+    if spent > target.seconds:
+        return Verdict("slow", f"{spent:.1f} s of computing", verdict.kind)
+    return verdict
+
+
+def _serve(place: str, root: Path, pipe: Connection) -> None:
+    """Attempt the files whose paths come, and answer with a verdict each; too much computing ends the process."""
+    os.setsid()
+    os.chdir(root / "work")
+    os.environ["TMPDIR"] = tempfile.tempdir = str(root / "tmp")
+    printed = os.open(root / "printed", os.O_CREAT | os.O_TRUNC | os.O_RDWR | os.O_APPEND)
+    for stream in (1, 2):
+        os.dup2(printed, stream)
+    faulthandler.enable()
+    logging.getLogger("jointbayes").setLevel(logging.ERROR)  # that loops are compiled, once after an installation
+    target = load_target(place)
+    target.prepare(root / "in")
+    pipe.send(None)
+    while True:
+        path = pipe.recv()
+        signal.setitimer(signal.ITIMER_PROF, _KILL * target.seconds)
+        verdict = judge(target, path, root)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        pipe.send(verdict)
+
+
+# ---- in the one that makes them
+
+
+class Attacker(AbstractContextManager["Attacker"]):
     """One worker process, started when it is needed, with a directory that holds all it may write."""
 
     def __init__(self, place: str) -> None:
-        self.place, self.target = place, load_target(place)
+        self.place, self.target, self._worker, self._attempts = place, load_target(place), None, 0
         self.root = Path(tempfile.mkdtemp(prefix="jointbayes-fuzz-"))
-        self._process: subprocess.Popen[bytes] | None = None
-        self._answers = -1
-        self._buffer = b""
-        self._attempts = 0
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._end()
         shutil.rmtree(self.root, ignore_errors=True)
 
     def attempt(self, content: bytes, suffix: str | None = None) -> Verdict:
         """Have the target read this content from a file, of another ending than its own if one is given."""
-        if self._process is None or self._attempts >= self.target.patience:
+        if self._worker is None or self._attempts >= self.target.patience:
             self._end()
             self._begin()
-        assert self._process is not None
-        assert self._process.stdin is not None
         path = self.root / "in" / f"input{self.target.suffix if suffix is None else suffix}"
         path.write_bytes(content)
         self._attempts += 1
         try:
-            self._process.stdin.write(json.dumps(str(path)).encode() + b"\n")
-            self._process.stdin.flush()
-        except BrokenPipeError:
-            return self._death("crash")
-        answer = self._answer()
-        if answer is None:
-            return self._death("crash")
-        if isinstance(answer, str):
-            return self._death(answer)
-        return Verdict(**answer)
+            self._pipe.send(path)
+            if self._pipe.poll(_WALL_SECONDS):
+                return self._pipe.recv()
+            kind, where = "hang", "no end"
+        except (EOFError, OSError):
+            self._worker.join(10.0)
+            code = self._worker.exitcode or 0
+            where = signal.Signals(-code).name if code < 0 else f"exit status {code}"
+            kind = "hang" if where == "SIGPROF" else "crash"
+        self._end()  # the next one gets a fresh worker
+        return Verdict(kind, f"{where}\n{(self.root / 'printed').read_text(errors='replace')[-3000:]}", where)
 
     def _begin(self) -> None:
         for name in ("in", "tmp", "work"):
             shutil.rmtree(self.root / name, ignore_errors=True)
             (self.root / name).mkdir()
-        answers, child_end = os.pipe()
-        paths = [str(_ROOT), str(_ROOT / "src"), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-        one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        environment = os.environ | one_thread | {
-            "PYTHONPATH": os.pathsep.join(path for path in paths if path),
-            "PYTHONFAULTHANDLER": "1",
-            "TMPDIR": str(self.root / "tmp"),
-        }  # fmt: skip
-        with (self.root / "printed").open("wb") as printed:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.fuzz.worker", self.place, str(self.root), str(child_end)],
-                stdin=subprocess.PIPE, stdout=printed, stderr=subprocess.STDOUT, cwd=self.root / "work",
-                env=environment, pass_fds=[child_end], start_new_session=True,
-            )  # fmt: skip
-        os.close(child_end)
-        self._answers, self._buffer, self._attempts = answers, b"", 0
-        if not isinstance(self._answer(patient=True), dict):
-            raise RuntimeError(f"{self.place} cannot be prepared:\n{self._printed()}")
+        self._pipe, theirs = get_context("spawn").Pipe()
+        self._worker = get_context("spawn").Process(target=_serve, args=(self.place, self.root, theirs))
+        self._worker.start()
+        theirs.close()
+        self._attempts = 0
+        self._pipe.recv()  # ready
 
-    def _answer(self, patient: bool = False) -> dict[str, str] | str | None:
-        """The next line of the worker; None if it died, the name of the fault if it takes too long."""
-        begun, spent_before = time.monotonic(), self._spent()
-        while b"\n" not in self._buffer:
-            ready, _, _ = select.select([self._answers], [], [], _LOOK_SECONDS)
-            if ready:
-                part = os.read(self._answers, 1 << 16)
-                if not part:
-                    return None
-                self._buffer += part
-                continue
-            wall, spent = time.monotonic() - begun, self._spent() - spent_before
-            idle = wall > _IDLE_SECONDS and spent < 0.01 * wall
-            if not patient and (spent > _KILL * self.target.seconds or idle or wall > _WALL_SECONDS):
-                return "hang"
-        line, _, self._buffer = self._buffer.partition(b"\n")
-        return json.loads(line)
-
-    def _spent(self) -> float:
-        """Computing time of the worker and of the processes it has waited for, s."""
-        assert self._process is not None
-        try:
-            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            return 0.0
-        return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
-
-    def _printed(self) -> str:
-        return (self.root / "printed").read_text(errors="replace")[-3000:]
-
-    def _death(self, kind: str) -> Verdict:
-        """The verdict on an input that the worker did not survive; the next one gets a fresh worker."""
-        assert self._process is not None
-        code = self._end()
-        name = signal.Signals(-code).name if code < 0 else f"exit status {code}"
-        where = name if kind == "crash" else f"more than {_KILL * self.target.seconds:g} s of computing, or no end"
-        return Verdict(kind, f"{where}\n{self._printed()}", where)
-
-    def _end(self) -> int:
-        if self._process is None:
-            return 0
-        assert self._process.stdin is not None
-        if not select.select([self._answers], [], [], 0.0)[0]:  # alive: it and all it has started
-            os.killpg(self._process.pid, signal.SIGKILL)
-        try:
-            code = self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            os.killpg(self._process.pid, signal.SIGKILL)
-            code = self._process.wait()
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()
-        os.close(self._answers)
-        self._process = None
-        return code
+    def _end(self) -> None:
+        """End the worker and all that it has started."""
+        if self._worker is not None:
+            if self._worker.is_alive():
+                os.killpg(self._worker.pid, signal.SIGKILL)
+            self._worker.join()
+            self._pipe.close()
+            self._worker = None
 
 
 def made_input(target: Target, seeds: list[bytes], seed: int, number: int) -> bytes:
@@ -168,15 +212,9 @@ class Tally:
     saved: list[Path] = field(default_factory=list)
     seconds: float = 0.0
 
-    @property
-    def count(self) -> int:
-        """Inputs attempted."""
-        return sum(self.kinds.values())
-
     def __str__(self) -> str:
         each = ", ".join(f"{number} {kind}" for kind, number in sorted(self.kinds.items()))
-        speed = self.count / self.seconds if self.seconds > 0 else 0.0
-        lines = [f"{self.name}: {self.count} inputs in {self.seconds:.0f} s ({speed:.0f} a second): {each}"]
+        lines = [f"{self.name}: {self.kinds.total()} inputs in {self.seconds:.0f} s: {each}"]
         for (kind, where), numbers in self.faults.items():
             lines.append(f"  {kind}: {where}: {len(numbers)} times, first input {numbers[0]}")
         return "\n".join([*lines, *(f"  kept: {path}" for path in self.saved)])
@@ -196,15 +234,11 @@ def fuzz(place: str, *, seed: int, count: int | None, seconds: float | None, off
     offenders
         Directory for inputs that did what they should not, made as small as they quickly can be.
     """
-    begun = time.monotonic()
+    begun, number = time.monotonic(), first
     with Attacker(place) as attacker:
-        target = attacker.target
-        seeds, tally = target.seeds(), Tally(target.name)
-        number = first
-        while count is None or number < first + count:
-            if seconds is not None and time.monotonic() - begun > seconds:
-                break
-            content = made_input(target, seeds, seed, number)
+        seeds, tally = attacker.target.seeds(), Tally(attacker.target.name)
+        while (count is None or number < first + count) and (seconds is None or tally.seconds < seconds):
+            content = made_input(attacker.target, seeds, seed, number)
             verdict = attacker.attempt(content)
             tally.kinds[verdict.kind] += 1
             if not verdict.right:
@@ -212,31 +246,23 @@ def fuzz(place: str, *, seed: int, count: int | None, seconds: float | None, off
                 numbers.append(number)
                 if len(numbers) <= _KEPT_OF_A_KIND:
                     small = _minimised(attacker, content, verdict) if len(numbers) == 1 else content
-                    tally.saved.append(_saved(offenders / target.name, target.suffix, small, verdict))
-            number += 1
-        tally.seconds = time.monotonic() - begun
+                    tally.saved.append(_saved(offenders / tally.name, attacker.target.suffix, small, verdict))
+            number, tally.seconds = number + 1, time.monotonic() - begun
     return tally
 
 
 def _minimised(attacker: Attacker, content: bytes, verdict: Verdict) -> bytes:
-    """The content without the parts that the fault does not need, as far as some seconds go."""
-    end, attempts = time.monotonic() + _MINIMISE_SECONDS, 0
-    parts = 2
-    while parts <= max(2, len(content)):
-        size = max(1, -(-len(content) // parts))
-        for at in range(0, len(content), size):
-            if time.monotonic() > end or attempts >= _MINIMISE_ATTEMPTS:
-                return content
-            attempts += 1
-            shorter = content[:at] + content[at + size :]
+    """The content without the parts that the fault does not need, as far as some attempts go."""
+    size, left = len(content), _MINIMISE_ATTEMPTS
+    while (size := size // 2) and left:
+        at = 0
+        while at < len(content) and left:
+            left, shorter = left - 1, content[:at] + content[at + size :]
             found = attacker.attempt(shorter)
             if (found.kind, found.where) == (verdict.kind, verdict.where):
                 content = shorter
-                break
-        else:
-            if size == 1:
-                break
-            parts *= 2
+            else:
+                at += size
     return content
 
 
