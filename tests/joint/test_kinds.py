@@ -10,9 +10,7 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.inference import LogPosterior
 from jointbayes.joint import COORDINATES, HYPOTHESES, RIGID, ComplianceCoordinates, ElasticCentre, Rigid
 from jointbayes.joint.kinds import joint_under_hypothesis
-from jointbayes.joint.quantities import spring_stiffnesses
 from tests.conftest import CLAMP, PAIR, TABLE_3, best_of, lone_likelihood, pair_matrix, rod
-from tests.one_line import refused
 from tests.oracles import differences
 from vibrecords import FrequencyData
 
@@ -287,29 +285,6 @@ def test_a_hypothesis_is_that_of_every_joint():
     assert joint_under_hypothesis(full, "translation").names == ("k11", "k22")
     springs = joint_under_hypothesis(full, "springs")
     np.testing.assert_array_equal(springs.matrix(full.rigid).stiffness, RIGID * np.eye(3))
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        lambda: jb.blocks_of({"a": PAIR, "b": "c"}),
-        lambda: jb.blocks_of({"a": PAIR, "b": "a", "c": "b"}),
-        lambda: jb.blocks_of({"a": "a"}),
-        lambda: TWO.check(np.array([1.0, 2.0, 1.0, 1.0, 0.0, 1.0])),
-        lambda: TWO.check(np.ones(3)),
-        lambda: TWO.coordinates(np.array([1.0, 0.5, 1.0, 1.0, 0.0, -1.0])),
-        lambda: jb.PlainSprings(("krz", "kx"), spring_stiffnesses(("x", "rz"))),
-        *(lambda names=names: jb.PlainSprings(names) for names in (("k22", "k11"), ("k12",), ("k11", "k11"))),
-        lambda: jb.PlainSprings().coordinates([1e9, 0.0, 0.0]),
-        lambda: jb.PlainSprings(("k11",)).coordinates([np.nan, 0.0, 1.0]),
-        lambda: FULL.check(INDEFINITE),
-        lambda: FULL.coordinates(INDEFINITE),
-        lambda: FULL.check([1.0, 2.0]),
-        *(lambda ways=ways: jb.FullStiffness(ways) for ways in (("w",), ())),
-    ],
-)
-def test_impossible_joints_are_refused_in_one_line(broken):
-    refused(broken, jb.ModelError)
 
 
 # ---- springs without coupling

@@ -7,13 +7,11 @@ import pytest
 from numpy.polynomial import Polynomial, legendre
 from numpy.testing import assert_allclose
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
 from jointbayes.structure.frame_recipe import ACCURACY, MANY, BodyMesh, element_error
 from jointbayes.structure.matrices import Reduction, Structure
 from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
-from tests.one_line import refused
 
 PAIR = pair_matrix(TABLE_3)
 #: Converged Timoshenko beam with Table 3's joint, computed elsewhere to more digits than these, Hz.
@@ -193,30 +191,6 @@ def test_the_bound_on_an_elements_error_is_kept_and_is_no_waste():
     assert element_error(made.whole.part(0, 1 / (count - 1)), order, "xy", omega) > ACCURACY
 
 
-@pytest.mark.parametrize(
-    ("more", "top_hz", "words"),
-    [
-        ({"length": 1.0}, 1e11, "wavelength"),
-        ({"section": Section.circle(1e-5)}, 2.5e5, "nodes; expected at most 280, a hundred natural"),
-        (
-            {"section": Section.circle(1e-5), "dofs_per_node": 5},
-            2.5e5,
-            "nodes; expected at most 130, a hundred",
-        ),
-        ({}, np.inf, "lines up to inf Hz"),
-        ({"length": -1.0}, 1.0, "finite length above 0"),
-        ({"shear_coefficient": 0.0}, 1.0, "about 0.9"),
-        ({"elements": 0}, 1.0, "found 0 elements"),
-        ({"dofs_per_node": 3}, 1.0, "2 or 5"),
-        ({"supports": ("12:y",)}, 1.0, '"12:y"'),
-        ({"accelerometer_mass": -1.0}, 1.0, "accelerometers of -1"),
-    ],
-)
-def test_impossible_beams_are_refused_in_one_line(more, top_hz, words):
-    refused(lambda: recipe(**more).mesh(["3:y"], top_hz), ModelError, words)
-    refused(lambda: recipe(**more).mesh(["3:y"], top_hz), ModelError, "beam: found ")
-
-
 # reduced
 
 
@@ -263,9 +237,3 @@ def test_a_named_point_between_nodes_is_the_node_that_other_spans_have_there():
         direct = DirectSolve(built, CLAMP, Ports(np.linspace(1.0, 3000.0, 200), dofs, dofs))
         values.append(direct.receptance(PAIR))
     assert_allclose(values[0], values[1], rtol=1e-6, atol=1e-9 * np.abs(values[0]).max())
-
-
-@pytest.mark.parametrize("points", [(("12", 0.1),), (("tip", 0.4),), (("tip", 0.0383),), (("tip", -0.1),)])
-def test_a_point_that_is_no_place_between_nodes_is_refused(points):
-    with pytest.raises(ModelError, match=r"^beam: found the point .*mm.*; expected .*; take the node there, or"):
-        recipe(points=points)

@@ -8,7 +8,6 @@ import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.structure import PointMass, Rayleigh
 from tests.conftest import STEEL
-from tests.one_line import refused
 
 FLEX = jb.Section(1e-3, 1e-6, 1e-6, (1, 1, 1, 1))  # without a torsion constant
 FLAT = jb.Section.rectangle(0.04, 0.01)
@@ -79,42 +78,6 @@ def test_the_height_of_a_section_lies_in_the_plane_of_a_plane_frame_unless_state
 def body(**more):
     given = {"points": {1: (0, 0, 0), 2: (0.5, 0, 0)}, "members": (jb.Member((1, 2), FLAT, STEEL),)} | more
     return jb.FrameBody(**given)
-
-
-@pytest.mark.parametrize(
-    ("broken", "words"),
-    [
-        (lambda: jb.Member((1,), FLAT, STEEL), "two points or more"),
-        (lambda: jb.Member((1, 2), FLAT, STEEL, jb.Section.circle(0.1)), "taper from rectangle to tube"),
-        (lambda: jb.Member((1, 2), FLAT, STEEL, shear_coefficient=-1.0), "shear coefficient"),
-        (lambda: body(points={1: (0, 0, 0), 2: (0, 0, 0)}), "no length"),
-        (lambda: body(points={1: (0, 0), 2: (1, 0, 0)}), "three numbers"),
-        (lambda: body(points={1: (0, 0, 0), 2: (float("nan"), 0, 0)}), "numbers up to"),
-        (lambda: body(members=(jb.Member((1, 5), FLAT, STEEL),)), "at point '5'"),
-        (lambda: body(members=(jb.Member((1, 2), FLAT, STEEL, up=(2, 0, 0)),)), "along the member 1 to 2"),
-        (lambda: body(points={1: (0, 0, 0), 2: (0.5, 0, 0), 9: (1, 1, 1)}), "points 9 without a member"),
-        (lambda: body(points={"a:b": (0, 0, 0), 2: (1, 0, 0)}), "'a:b'"),
-        (lambda: body(members=()), "without members"),
-        (lambda: body(masses=(PointMass("7", 1.0),)), "'7'"),
-        (lambda: PointMass("1", -1.0), "at least 0"),
-        (lambda: PointMass("1", 1.0, (1.0, 1.0, 1.0, 0.1)), "three moments of inertia, or six"),
-        (lambda: PointMass("1", 1.0, (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)), "positive semidefinite"),
-        (lambda: jb.FrameRecipe({"1": body()}, LAWS[0]), "begin with a letter"),
-        (lambda: jb.FrameRecipe({}, LAWS[0]), "none"),
-        (lambda: jb.FrameRecipe(body(), LAWS[0], ("u",)), "directions u"),
-        (lambda: jb.FrameRecipe(body(), LAWS[0], supports=("3:x",)), '"3:x"'),
-        (lambda: jb.FrameRecipe(body(), LAWS[0], ("y", "rz"), supports=("1:x",)), '"1:x"'),
-        (lambda: jb.FrameRecipe(body(), LAWS[0], accelerometer_mass=-1.0), "masses of at least 0"),
-        (lambda: jb.FrameFamily(two_bodies(), {"colour": (0, 0)}), "'colour'"),
-        (lambda: jb.FrameFamily(two_bodies(), {"length": (-1, 1)}), "right has members in several"),
-        (lambda: jb.FrameFamily(two_bodies(), {"right.length": (-1, 1)}), "right has members in several"),
-        (lambda: jb.FrameFamily(two_bodies(), {"loss_factor": (-1, 1)}), "another kind"),
-        (lambda: two_bodies().structure({}, two_bodies().mesh((), 1e12)), "Hz"),
-        (jb.FrameRecipe(body(members=(jb.Member((1, 2), FLEX, STEEL),)), LAWS[0]).structure, "torsion constant"),
-    ],
-)  # fmt: skip
-def test_impossible_frames_are_refused_in_one_line(broken, words):
-    refused(broken, jb.ModelError, words)
 
 
 def test_a_body_that_nothing_reaches_still_has_its_natural_frequencies():

@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, Ports
-from jointbayes.structure import BeamMaterial, LossFactor, ModalDamping, Rayleigh, Section, Structure, beam
+from jointbayes.structure import LossFactor, ModalDamping, Section, beam
 from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix, rod
-from tests.one_line import refused
 from tests.vibrecords.rod import free_rod, receptance
 
 
@@ -85,31 +83,6 @@ def test_modes_are_mass_normalised_and_satisfy_the_eigenproblem():
 def test_modal_ratios_repeat_the_last_one():
     law = ModalDamping((0.01, 0.02))
     assert (law.per_mode(4).tolist(), law.per_mode(1).tolist()) == ([0.01, 0.02, 0.02, 0.02], [0.01])
-
-
-TWO = ("1:y", "1:rz")
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        *(lambda d=d: Section.tube(*d) for d in ((0.02, 0.03), (0.0, 0.0))),
-        lambda: Section.rectangle(-1.0, 1.0),
-        lambda: Section.box(0.02, 0.02, 0.01),
-        *(lambda given=given: BeamMaterial(*given, 7800.0) for given in ((-1.0, 0.3), (2e11, 0.5))),
-        *(lambda ratios=ratios: ModalDamping(ratios) for ratios in ((), (1.0,))),
-        lambda: LossFactor(-0.1),
-        lambda: Rayleigh(-1.0, 0.0),
-        *(lambda more=more: rod(**more) for more in ({"length": -0.383}, {"elements": 0}, {"shear_coefficient": -0.5})),
-        lambda: rod().fixed(["12:y"]),
-        lambda: rod().index(["1:x"]),
-        lambda: Structure(np.eye(2), np.eye(2), LossFactor(0.0), ("1:y", "1:y")),
-        *(lambda k=k: Structure(np.array(k), np.eye(2), LossFactor(0.0), TWO)
-          for k in (np.eye(3), [[1.0, 2.0], [0.0, 1.0]], np.diag([np.nan, 1.0]))),
-    ],
-)  # fmt: skip
-def test_impossible_structures_are_refused_in_one_line(broken):
-    refused(broken, ModelError)
 
 
 # the rod that the tests of vibrecords bring along is the rod of jointbayes, computed another way

@@ -12,7 +12,6 @@ from jointbayes.structure import shape_modes
 from jointbayes.structure.matrices import Modes
 from jointbayes.structure.shape_modes import ModeTable, _hopeless
 from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
-from tests.one_line import refused
 from tests.structure.dense import worst
 
 PORTS = jb.Ports(np.arange(20.0, 2500.0, 53.0), ("11:y", "6:y"), ("11:y",))
@@ -42,19 +41,6 @@ def test_where_a_table_will_not_do_the_beam_is_solved_anew(monkeypatch):
 
 def test_factors_on_all_damping_ratios_and_on_one_multiply():
     assert_allclose(recipe().structure({"damping_ratio": 2.0, "damping_ratio_2": 3.0}).damping.ratios, (0.02, 0.12))
-
-
-@pytest.mark.parametrize(
-    ("broken", "words"),
-    [
-        (lambda: recipe().structure({"colour": 1.0}), "'colour'"),
-        (lambda: jb.BeamFamily(recipe(), {"loss_factor": (-1.0, 1.0)}), "another kind"),
-        (lambda: jb.BeamFamily(recipe(jb.LossFactor(0.01)), {"damping_ratio": (-1.0, 1.0)}), "another kind"),
-        (lambda: recipe(accelerometer_mass=-1.0, accelerometer_dofs=("11:y",)).structure(), "accelerometer"),
-    ],
-)
-def test_what_is_unknown_or_of_another_damping_law_is_refused(broken, words):
-    refused(broken, jb.ModelError, words)
 
 
 def test_the_last_listed_damping_ratio_holds_for_all_higher_modes():

@@ -1,0 +1,29 @@
+"""What cannot be is refused in one line: rows of ``refused.txt``, each an expression in the names of a test module."""
+
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import jointbayes as jb
+from jointbayes import frf, inference, joint, structure
+from tests.one_line import refused
+
+ROOMS = {name: getattr(room, name) for room in (structure, joint, frf, inference) for name in room.__all__}
+
+
+def rows():
+    """Module, expression and words of each row."""
+    module = ""
+    for line in Path(__file__).with_name("refused.txt").read_text(encoding="utf-8").splitlines():
+        if line.startswith("== "):
+            module = line[3:]
+        elif line and not line.startswith("# "):
+            expression, _, words = line.partition(" ;; ")
+            yield module, expression, words or "expected"
+
+
+@pytest.mark.parametrize(("module", "expression", "words"), list(rows()))
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, module, expression, words):
+    names = ROOMS | vars(import_module(module)) | {"tmp_path": tmp_path}
+    refused(lambda: eval(expression, names), (jb.ModelError, jb.MeasurementError), words)
