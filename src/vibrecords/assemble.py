@@ -16,14 +16,13 @@ import numpy as np
 
 from vibrecords.accelerometer import remove_accelerometers
 from vibrecords.data import Data, FrequencyData, FrfData
-from vibrecords.errors import MeasurementError, refusal
+from vibrecords.errors import MeasurementError, placed, refusal
 from vibrecords.formats.channel_units import restate_history
 from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, measured_lines
 from vibrecords.formats.read import iter_records
 from vibrecords.formats.units import two_readings
 from vibrecords.frf_set import FrfSet
 from vibrecords.measurement_plan import (
-    FrequencyPlan,
     MeasurementPlan,
     VarianceSource,
     find_channel,
@@ -78,10 +77,8 @@ def estimate_variance(sets: Sequence[FrfSet], choice: VarianceSource | None, whe
         smooth = _smooth(frf, law)
         how = "; |H| is that of a modal fit, without the noise" if smooth else ""
         return FrfData(frf, law.variance_of_accelerance(smooth or frf)), words + how
-    try:
+    with placed(where):
         variance = coherence_variance(frf)
-    except MeasurementError as error:
-        raise MeasurementError(f"{where}: {error}") from error
     if law:
         variance = np.maximum(variance, law.variance_of_accelerance(frf))
     assert frf.averages is not None
@@ -245,8 +242,13 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     doubts, loaded = (*contradicted, *_warnings(cut, plan), *loose), tuple(o for o in frf.outputs if ":r" not in o)
     noted, freedom = (*notes, *without_modes), measured.variance_dof
     provenance = Provenance(tuple(files), *about, noted, doubts, modes, loaded, variance_dof=freedom)
-    if plan.frequencies is not None:
-        return replace(_frequencies(plan.frequencies, modes, where), provenance=provenance)
+    if (asked := plan.frequencies) is not None:
+        wanted = asked.modes or max(len(modes), 1)
+        if len(modes) < wanted:
+            raise refusal(where, f"{len(modes)} modes", f"at least {wanted}", "lower data.modes or widen the band")
+        frequency, fitted = np.array([(mode.frequency_hz, mode.frequency_sd_hz) for mode in modes[:wanted]]).T
+        sd = np.sqrt(fitted**2 + (asked.sd_relative * frequency) ** 2 + asked.sd_hz**2)
+        return FrequencyData(frequency, sd, provenance)
     return _select(replace(measured, provenance=provenance), plan, where)
 
 
@@ -297,14 +299,12 @@ def _frfs_of_histories(histories: list[TimeRecord], plan: MeasurementPlan, where
     """FRFs made of the time histories of the mapped channels."""
     require_channels(plan.channels, [record.channel for record in histories], where)
     mapped = ((record, find_channel(plan.channels, record.channel)) for record in histories)
-    try:
+    with placed(where):
         histories = [restate_history(record, found[0].unit) for record, found in mapped if found]
         if isinstance(plan.signals, ShakerSettings):
             return frfs_of_shaker(histories, plan.signals)
         settings = plan.signals or settings_of(histories, plan.f_min_hz, plan.f_max_hz)
         made = frfs_of_hits(histories, settings)
-    except MeasurementError as error:
-        raise MeasurementError(f"{where}: {error}") from error
     if plan.signals is not None:
         return made
     block = settings.hits.block_s
@@ -375,14 +375,6 @@ def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode
             raise
         return (), (f"Natural frequencies were not looked for: {error}.",)
     return modes, tuple(f"Not counted as a mode: {doubt.frequency_hz:.6g} Hz, {doubt.reason}." for doubt in doubtful)
-
-
-def _frequencies(plan: FrequencyPlan, modes: tuple[MeasuredMode, ...], where: str) -> FrequencyData:
-    wanted = plan.modes or max(len(modes), 1)
-    if len(modes) < wanted:
-        raise refusal(where, f"{len(modes)} modes", f"at least {wanted}", "lower data.modes or widen the band")
-    frequency, fitted = np.array([(mode.frequency_hz, mode.frequency_sd_hz) for mode in modes[:wanted]]).T
-    return FrequencyData(frequency, np.sqrt(fitted**2 + (plan.sd_relative * frequency) ** 2 + plan.sd_hz**2))
 
 
 def _select(measured: FrfData, plan: MeasurementPlan, where: str) -> FrfData:

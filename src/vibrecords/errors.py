@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
 
@@ -78,6 +79,21 @@ class MeasurementError(UserError):
 def refusal(where: object, found: object, expected: object, remedy: object = "") -> MeasurementError:
     """Return the error to raise: where: found this; expected that; what to do."""
     return MeasurementError.of(f"{where}", (), f"found {found}", f"{expected}", f"{remedy}")
+
+
+@contextmanager
+def placed(where: object) -> Iterator[None]:
+    """Put the place in front of what is refused within.
+
+    Raises
+    ------
+    MeasurementError
+        What the body raises, with its place.
+    """
+    try:
+        yield
+    except MeasurementError as error:
+        raise MeasurementError(f"{where}: {error}") from None
 
 
 class WriteError(UserError):

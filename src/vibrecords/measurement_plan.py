@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from vibrecords.arrays import Quantity
-from vibrecords.errors import MeasurementError, refusal
+from vibrecords.errors import MeasurementError, placed, refusal
 from vibrecords.formats.channel_units import AS_THE_FILE_SAYS, ChannelUnit, restate_frf
 from vibrecords.provenance import ChannelUse, Role
 from vibrecords.records import CoherenceRecord, FrfRecord, Record, SpectrumRecord, coherence_on
@@ -117,6 +117,7 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         If a mapped channel is in no FRF, no FRF has both of its channels mapped, or two response (force) channels are
         mapped to one DOF.
     """
+    # 1. FRFs between mapped channels
     kept: list[FrfRecord] = []
     pairs: list[tuple[str, str]] = []
     apart: list[CoherenceRecord] = []
@@ -141,10 +142,8 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
         as_response = ChannelUse(record.response, response.dof, "response", of_response, turned, mass)
         uses[record.response, "response"] = as_response
         uses[record.reference, "force"] = ChannelUse(record.reference, force.dof, "force", of_force, force_turned)
-        try:
+        with placed(where):
             record = restate_frf(record, response.unit, force.unit)
-        except MeasurementError as error:
-            raise MeasurementError(f"{where}: {error}") from None
         factor = of_response / of_force
         values = record.values if factor == 1 else factor * record.values
         kept.append(replace(record, response=response.dof, reference=force.dof, values=values))
@@ -157,46 +156,33 @@ def map_records(records: Iterable[Record], channels: Mapping[str, Channel], wher
     if not kept:
         found = "no FRF whose response and force are both in [data.channels]"
         raise refusal(where, found, "both", f"map the other channel of {' and '.join(channels)} as well")
-    _refuse_doubles(uses.values(), where)
-    kept = _with_coherences(kept, pairs, apart, where)
-    used = {label for label, _ in uses}
-    return MappedRecords(tuple(kept), tuple(uses.values()), tuple(label for label in labels if label not in used))
-
-
-def _with_coherences(
-    frfs: list[FrfRecord], pairs: list[tuple[str, str]], apart: list[CoherenceRecord], where: str
-) -> list[FrfRecord]:
-    """FRFs with the coherences that stand apart: of the same channels, or the only one of the only FRF."""
-    alone = len(frfs) == len(apart) == 1
+    # 2. one channel for each DOF
+    by_dof: dict[tuple[Role, str], list[str]] = defaultdict(list)
+    for use in uses.values():
+        by_dof[use.role, use.dof].append(use.channel)
+    for (role, dof), several in by_dof.items():
+        if len(several) > 1:
+            found = f"{role} channels {' and '.join(several)} for the one DOF {dof}"
+            raise refusal(where, found, "one channel for it", "take one of them out of [data.channels]")
+    # 3. the coherences that stand apart: of the same channels, or the only one of the only FRF
     waiting: dict[tuple[str, str], list[CoherenceRecord]] = defaultdict(list)
-    for record in apart:
-        waiting[pairs[0] if alone else (record.response, record.reference)].append(record)
+    for alone in apart:
+        waiting[pairs[0] if len(kept) == len(apart) == 1 else (alone.response, alone.reference)].append(alone)
     counts = Counter(pairs)
     for pair, of_pair in waiting.items():
         if pair in counts and counts[pair] != len(of_pair):
             found = f"{len(of_pair)} coherences of {pair[0]} over {pair[1]} and {counts[pair]} FRFs"
             raise refusal(where, found, "as many", "leave the surplus out")
-    each = [waiting[pair].pop(0) if pair in waiting else None for pair in pairs]
-    return [_with_coherence(f, c, where) if c and f.coherence is None else f for f, c in zip(frfs, each, strict=True)]
-
-
-def _with_coherence(frf: FrfRecord, coherence: CoherenceRecord, where: str) -> FrfRecord:
-    try:
-        squared = coherence_on(frf.frequency_hz, coherence, frf.where)
-    except MeasurementError as error:
-        raise MeasurementError(f"{where}: {error}") from None
-    notes = (*frf.notes, f"coherence taken from {coherence.where}")
-    return replace(frf, coherence=squared, averages=frf.averages or coherence.averages, notes=notes)
-
-
-def _refuse_doubles(uses: Iterable[ChannelUse], where: str) -> None:
-    by_dof: dict[tuple[Role, str], list[str]] = defaultdict(list)
-    for use in uses:
-        by_dof[use.role, use.dof].append(use.channel)
-    for (role, dof), labels in by_dof.items():
-        if len(labels) > 1:
-            found = f"{role} channels {' and '.join(labels)} for the one DOF {dof}"
-            raise refusal(where, found, "one channel for it", "take one of them out of [data.channels]")
+    for i, (frf, pair) in enumerate(zip(kept, pairs, strict=True)):
+        coherence = waiting[pair].pop(0) if pair in waiting else None
+        if coherence and frf.coherence is None:
+            with placed(where):
+                squared = coherence_on(frf.frequency_hz, coherence, frf.where)
+            notes = (*frf.notes, f"coherence taken from {coherence.where}")
+            averages = frf.averages or coherence.averages
+            kept[i] = replace(frf, coherence=squared, averages=averages, notes=notes)
+    used = {label for label, _ in uses}
+    return MappedRecords(tuple(kept), tuple(uses.values()), tuple(label for label in labels if label not in used))
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,19 +39,52 @@ def join_frfs(records: Iterable[FrfRecord], where: str) -> FrfSet:
         If there is no FRF, a pair is missing or occurs twice, lines or quantities differ, or a line is at 0 Hz, out of
         order, NaN or exactly zero.
     """
+    # 1. each FRF by itself, and as the first
     frfs: dict[tuple[str, str], FrfRecord] = {}
     for record in records:
-        checked = _check(record, where)
-        pair = (checked.response, checked.reference)
+        checked, place = _check(record, f"{where}: {record.where}"), f"{where}: {record.where}"
+        pair, first = (checked.response, checked.reference), next(iter(frfs.values()), checked)
         if pair in frfs:
             found = f"the FRF of {pair[0]!r} over {pair[1]!r} again, first in {frfs[pair].where}"
-            expected = "each pair once"
-            raise refusal(f"{where}: {checked.where}", found, expected, "split repeated measurements into files")
+            raise refusal(place, found, "each pair once", "split repeated measurements into files")
         frfs[pair] = checked
-        _same_kind(checked, next(iter(frfs.values())), where)
+        if checked.quantity is None:
+            expected = "receptance, mobility or accelerance from unit or axis type"
+            raise refusal(place, "no word on what the FRF is", expected, "state the quantity")
+        if checked.quantity != first.quantity:
+            found, expected = f"{checked.quantity} beside {first.quantity} in {first.where}", "one quantity throughout"
+            raise refusal(place, found, expected, "split the file or state the quantity")
+        if not np.isclose(checked.window_rate, first.window_rate, equal_nan=True):
+            found = f"another exponential window than in {first.where}"
+            raise refusal(place, found, "one window throughout", "split the file")
+        if not np.array_equal(checked.frequency_hz, first.frequency_hz):
+            own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (checked, first))
+            found = f"{own} other than the {others} of {first.where}"
+            raise refusal(place, found, "the same lines for all FRFs", "split the file")
     if not frfs:
         raise refusal(where, "no FRF", "at least one", "time histories must be turned into FRFs")
-    return _grid(frfs, where)
+    # 2. all pairs of outputs and inputs
+    first = next(iter(frfs.values()))
+    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
+    rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
+    for output, input_ in product(outputs, inputs):
+        if (output, input_) not in frfs:
+            raise refusal(where, f"no FRF of {output!r} over {input_!r}", "every output with every input", "add it")
+    # 3. one array; each record is dropped once it is in place, so that no file is in memory three times
+    shape = (first.frequency_hz.size, len(outputs), len(inputs))
+    complete = all(record.coherence is not None for record in frfs.values())
+    told = [record.averages for record in frfs.values() if record.averages is not None]
+    averages = min(told) if len(told) == len(frfs) else None
+    values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
+    while frfs:
+        (output, input_), record = frfs.popitem()
+        cell = (slice(None), rows[output], columns[input_])
+        values[cell] = record.values
+        if coherence is not None:
+            coherence[cell] = record.coherence
+    assert first.quantity is not None
+    about = (first.quantity, coherence, averages, np.nan_to_num(first.window_rate))
+    return FrfSet(first.frequency_hz, values, outputs, inputs, *about)
 
 
 def cut_to_band(record: FrfRecord, where: str, f_min_hz: float | None, f_max_hz: float | None) -> FrfRecord:
@@ -156,8 +189,9 @@ def _span(lines: Array) -> str:
     return f"{finite.min():g} to {finite.max():g} Hz" if finite.size else "none"
 
 
-def _check(record: FrfRecord, where: str) -> FrfRecord:
-    lines, values, place = record.frequency_hz, record.values, f"{where}: {record.where}"
+def _check(record: FrfRecord, place: str) -> FrfRecord:
+    """The record, its coherence no larger than 1, if its lines, values and coherence are those of a measurement."""
+    lines, values, coherence = record.frequency_hz, record.values, record.coherence
     require_lines(lines, place)
     if lines[-1] > HIGHEST_HZ or lines[0] < 1 / HIGHEST_HZ:
         expected = f"them within {1 / HIGHEST_HZ:g} to {HIGHEST_HZ:g} Hz"
@@ -167,65 +201,15 @@ def _check(record: FrfRecord, where: str) -> FrfRecord:
     absurd = (~measurable(values), f"a number beyond {LARGEST:g} or its inverse")
     for missing, name in ((~np.isfinite(values), "NaN or infinity"), (zero, "exactly 0"), absurd):
         if missing.any():
-            line = int(np.argmax(missing))
-            found = f"{name} at {lines[line]:g} Hz, {int(missing.sum())} such lines"
+            found = f"{name} at {lines[np.argmax(missing)]:g} Hz, {int(missing.sum())} such lines"
             expected = "a measured number on at least half of the lines"
             raise refusal(place, found, expected, "leave out a channel or a band (exclude_hz), or export again")
-    return record if record.coherence is None else replace(record, coherence=_coherence(record.coherence, lines, place))
-
-
-def _coherence(coherence: Array, lines: Array, place: str) -> Array:
+    if coherence is None:
+        return record
     if coherence.shape != lines.shape:
         raise refusal(place, f"coherence on {coherence.size} lines", lines.size, "drop it")
     bad = ~((coherence >= 0) & (coherence <= 1 + _ROUNDING))
     if bad.any():
         line = int(np.argmax(bad))
         raise refusal(place, f"coherence {coherence[line]:g} at {lines[line]:g} Hz", "0 to 1", "leave it out")
-    return np.minimum(coherence, 1.0)
-
-
-def _same_kind(record: FrfRecord, first: FrfRecord, where: str) -> None:
-    if record.quantity is None:
-        expected = "receptance, mobility or accelerance from unit or axis type"
-        raise refusal(f"{where}: {record.where}", "no word on what the FRF is", expected, "state the quantity")
-    if record.quantity != first.quantity:
-        found, expected = f"{record.quantity} beside {first.quantity} in {first.where}", "one quantity throughout"
-        raise refusal(f"{where}: {record.where}", found, expected, "split the file or state the quantity")
-    if not np.isclose(record.window_rate, first.window_rate, equal_nan=True):
-        found = f"another exponential window than in {first.where}"
-        raise refusal(f"{where}: {record.where}", found, "one window throughout", "split the file")
-    if not np.array_equal(record.frequency_hz, first.frequency_hz):
-        own, others = (f"{r.frequency_hz.size} lines, {_span(r.frequency_hz)}," for r in (record, first))
-        found = f"{own} other than the {others} of {first.where}"
-        raise refusal(f"{where}: {record.where}", found, "the same lines for all FRFs", "split the file")
-
-
-def _grid(frfs: dict[tuple[str, str], FrfRecord], where: str) -> FrfSet:
-    first = next(iter(frfs.values()))
-    outputs, inputs = (tuple(dict.fromkeys(pair[side] for pair in frfs)) for side in (0, 1))
-    rows, columns = ({label: i for i, label in enumerate(labels)} for labels in (outputs, inputs))
-    for output, input_ in product(outputs, inputs):
-        if (output, input_) not in frfs:
-            raise refusal(where, f"no FRF of {output!r} over {input_!r}", "every output with every input", "add it")
-    shape = (first.frequency_hz.size, len(outputs), len(inputs))
-    complete = all(record.coherence is not None for record in frfs.values())
-    told = [record.averages for record in frfs.values() if record.averages is not None]
-    averages = min(told) if len(told) == len(frfs) else None
-    values, coherence = np.empty(shape, complex), np.empty(shape) if complete else None
-    while frfs:  # each record is dropped once it is in place, so that no file is in memory three times
-        (output, input_), record = frfs.popitem()
-        cell = (slice(None), rows[output], columns[input_])
-        values[cell] = record.values
-        if coherence is not None:
-            coherence[cell] = record.coherence
-    assert first.quantity is not None
-    return FrfSet(
-        first.frequency_hz,
-        values,
-        outputs,
-        inputs,
-        first.quantity,
-        coherence,
-        averages,
-        np.nan_to_num(first.window_rate),
-    )
+    return replace(record, coherence=np.minimum(coherence, 1.0))

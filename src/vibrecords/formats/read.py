@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from vibrecords.arrays import Quantity
-from vibrecords.errors import MeasurementError, path_fault, refusal
+from vibrecords.errors import MeasurementError, path_fault, placed, refusal
 from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.attributes import apply_attributes
@@ -127,19 +127,17 @@ def iter_records(path: str | Path, layout: Mapping[str, str] | None = None) -> I
         One line that names the file, the place in it, and what is expected.
     """
     path, kind, count = Path(path), detect_format(path), 0
-    if layout and kind in _READERS:
+    if layout and kind in _SELF_EXPLAINING:
         found = f"[data.layout] for a file of format {kind}"
         raise refusal(str(path), found, "it for MAT, HDF5, npz or tables", "take it away")
     try:
-        with closing(_READERS[kind](path) if kind in _READERS else _BY_NAMES[kind](path, layout or {})) as records:
+        with placed(path), closing(_READERS[kind](path, layout or {})) as records:
             for record in records:
                 count += 1
                 if count > MOST_RECORDS:
                     raise refusal("content", f"more than {MOST_RECORDS} FRFs and time histories", "fewer", "split it")
                 require_short(record.where[:60], *labels_of(record), getattr(record, "unit", ""))
                 yield non_negative_half(record)
-    except MeasurementError as error:
-        raise MeasurementError(f"{path}: {error}") from None
     except OSError as error:
         raise refusal(path, f"a fault ({error})", "a readable file", "copy it again") from None
     except (ValueError, LookupError, ArithmeticError) as error:  # what a reader makes of bytes that it did not expect
@@ -187,13 +185,12 @@ _TOLD_BY_BEGINNING = {
     b"LabVIEW Measurement": "lvm",
     b"TDSm": "tdms",
 }
-#: Readers by format, of a file that says itself what is what.
-_READERS: dict[str, Callable[[Path], Generator[Record, None, None]]] = {
-    "uff": read_uff,
-    "lvm": lambda path: records_of_tables(read_lvm(path)),
-}
+#: Formats whose files say themselves what is what.
+_SELF_EXPLAINING = ("uff", "lvm")
 #: Readers by format, of a path and of what the user says of the names in the file.
-_BY_NAMES: dict[str, Callable[[Path, Mapping[str, str]], Generator[Record, None, None]]] = {
+_READERS: dict[str, Callable[[Path, Mapping[str, str]], Generator[Record, None, None]]] = {
+    "uff": lambda path, _layout: read_uff(path),
+    "lvm": lambda path, _layout: records_of_tables(read_lvm(path)),
     "tdms": lambda path, layout: records_of_tables(read_tdms(path, layout), layout),
     "table": lambda path, layout: records_of_tables([read_text_table(text_lines(path))], layout),
     "xlsx": lambda path, layout: read_xlsx(path, lambda table: records_of_tables([table], layout)),

@@ -42,12 +42,6 @@ _FRF = re.compile(r"\b(?:frequency response(?: function)?|transfer function|frf|
 _SPECTRUM, _SPECTRAL_UNIT, _INDEX = (
     re.compile(NAMES["spectra"][what], re.IGNORECASE | re.VERBOSE) for what in ("name", "unit", "index")
 )
-_UNIT = re.compile(r"/\s*(?:√|sqrt|rt)?\s*\(?Hz|Hz\^?-1|(?:√|sqrt\(?|rt)\s*Hz|^dB", re.IGNORECASE)
-_INDEX = re.compile(
-    r"(?:spectral )?(?:line|linie|ligne|index|idx|row|zeile|point|punkt|samples?|bin|marker|event|n[ro°]|number|#)"
-    r"\.?(?: ?(?:n[ro°]|number|#)\.?)?",
-    re.IGNORECASE,
-)
 _UNIT = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))\s*$")
 #: A part that stands in brackets, as LabVIEW writes it: Frequency Response (Magnitude).
 _PARTS = "|".join(long for role, (long, _) in WORDS.items() if role not in ("frequency", "time"))

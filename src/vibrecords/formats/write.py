@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vibrecords.arrays import Array
-from vibrecords.errors import MeasurementError, WriteError, refusal, require_one_of
+from vibrecords.errors import MeasurementError, WriteError, placed, refusal, require_one_of
 from vibrecords.files import whole_file
 from vibrecords.formats.units import SI_SENSOR, si_frf_unit
 from vibrecords.formats.written_by import WRITTEN_BY
@@ -79,63 +79,54 @@ def write_records(records: Iterable[Record], path: str | Path, format: str = "cs
     if "\0" in str(path):
         raise WriteError(f"{path}: found a null byte in it, so that it cannot be written; expected a path; correct it")
     try:
-        with whole_file(path) as temporary_path:
+        with placed(path), whole_file(path) as temporary_path:
             write_table(records, temporary_path)
-    except MeasurementError as error:
-        raise MeasurementError(f"{path}: {error}") from None
     except UnicodeEncodeError as error:
         found = f"a label that is no text ({error.object[:30]!r})"
         raise refusal(str(path), found, "characters", "rename it") from None
 
 
-def _columns(records: Sequence[Record]) -> tuple[list[str], list[Array], dict[str, str]]:
-    """Headers, columns and comments of a table that holds the records.
+def write_table(records: Sequence[Record], path: Path, remarks: Sequence[str] = ()) -> None:
+    """Write records as a table, remarks above; numbers with as many digits as it takes to read them back exactly.
 
     Raises
     ------
     MeasurementError
         If the records do not share their lines, or their sampling rate and length.
     """
+    # 1. names, columns and comments, of FRFs with spectra or of time histories
     frfs = [record for record in records if isinstance(record, FrfRecord)]
     times = [record for record in records if isinstance(record, TimeRecord)]
     if bool(frfs) == bool(times):
         raise refusal("table", "FRFs and time histories, or neither", "one kind", "write a file each")
+    names, columns, comments = ["frequency [Hz]" if frfs else "time [s]"], list[Array](), dict[str, str]()
     if frfs:
-        names, columns, comments = _frf_columns(frfs)
-        for r in (r for r in records if isinstance(r, SpectrumRecord)):
-            names.append(f"{r.kind} of {r.channel}")
-            columns.append(r.values.real)
-        return names, columns, comments
-    rate, size = times[0].sample_rate_hz, times[0].values.size
-    if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
-        raise refusal("table", "time histories of different rates or lengths", "one time axis", "write a file for each")
-    labels = (r.channel if r.hit is None else f"{r.channel} hit {r.hit}" for r in times)
-    names = [f"{label} [{SI_SENSOR[r.quantity]}]" for label, r in zip(labels, times, strict=True)]
-    columns = [np.arange(size) / rate, *(r.values for r in times)]
-    return ["time [s]", *names], columns, {"sample_rate_hz": repr(float(rate))}
-
-
-def _frf_columns(frfs: Sequence[FrfRecord]) -> tuple[list[str], list[Array], dict[str, str]]:
-    lines = frfs[0].frequency_hz
-    names, columns = ["frequency [Hz]"], [lines]
-    for r in frfs:
-        if not np.array_equal(r.frequency_hz, lines):
+        lines = frfs[0].frequency_hz
+        columns.append(lines)
+        if not all(np.array_equal(r.frequency_hz, lines) for r in frfs):
             raise refusal("table", "FRFs on different lines", "one axis", "write a file for each")
-        pair = f"{r.response} / {r.reference}"
-        unit = f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
-        names += [f"real {pair}{unit}", f"imaginary {pair}{unit}"]
-        columns += [r.values.real, r.values.imag]
-        if r.coherence is not None:
-            names.append(f"coherence {pair}")
-            columns.append(r.coherence)
-    told = [str(r.averages) for r in frfs]
-    averages = ", ".join(told if len(set(told)) > 1 else told[:1])
-    return names, columns, {"averages": averages} if "None" not in told else {}
-
-
-def write_table(records: Sequence[Record], path: Path, remarks: Sequence[str] = ()) -> None:
-    """Write records as a table, remarks above; numbers with as many digits as it takes to read them back exactly."""
-    names, columns, comments = _columns(records)
+        told = [str(r.averages) for r in frfs]
+        if "None" not in told:
+            comments["averages"] = ", ".join(told if len(set(told)) > 1 else told[:1])
+    else:
+        rate, size = times[0].sample_rate_hz, times[0].values.size
+        columns.append(np.arange(size) / rate)
+        if any((r.sample_rate_hz, r.values.size) != (rate, size) for r in times):
+            found, expected = "time histories of different rates or lengths", "one time axis"
+            raise refusal("table", found, expected, "write a file for each")
+        comments["sample_rate_hz"] = repr(float(rate))
+    for r in frfs:
+        pair, unit = f"{r.response} / {r.reference}", f" [{si_frf_unit(r.quantity)}]" if r.quantity else ""
+        names += [f"real {pair}{unit}", f"imaginary {pair}{unit}", *[f"coherence {pair}"] * (r.coherence is not None)]
+        columns += [r.values.real, r.values.imag, *([] if r.coherence is None else [r.coherence])]
+    for spectrum in (record for record in records if isinstance(record, SpectrumRecord) and frfs):
+        names.append(f"{spectrum.kind} of {spectrum.channel}")
+        columns.append(spectrum.values.real)
+    for history in times:
+        hit = "" if history.hit is None else f" hit {history.hit}"
+        names.append(f"{history.channel}{hit} [{SI_SENSOR[history.quantity]}]")
+        columns.append(history.values)
+    # 2. the file
     with path.open("w", encoding="utf-8", newline="") as file:
         for line in (WRITTEN_BY, *remarks, *(f"{key}: {value}" for key, value in comments.items())):
             file.write(f"# {line}\n")
