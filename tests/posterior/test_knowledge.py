@@ -11,9 +11,7 @@ import pytest
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.inference import workshop
-from jointbayes.phrases import NO_VALID_VALUE
 from jointbayes.posterior import gather_knowledge
-from jointbayes.posterior.diagnosis import diagnosis_of
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import (
     UncertainInputsRow,
@@ -24,21 +22,15 @@ from jointbayes.posterior.knowledge import (
 )
 from jointbayes.posterior.verdicts import line_of, reason_lines
 from jointbayes.report import ReportInputs, build_report
-from jointbayes.report.model import Lights, Paragraph, Table
+from jointbayes.report.model import Paragraph, Table
 from jointbayes.report.sections import lead
 from jointbayes.report.sections.identifiable import freed_blocks
-from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case, on_one_line, plain_reports
+from tests.conftest import CONFIGS, TO_CONVERGE, cheap_text, edited, judged_as, of_case
 
 DATE = datetime.date(2026, 1, 5)
 #: Data of a beam 23 mm shorter than the one analysed.
 WRONG_LENGTH = cheap_text().replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\n#")
 UNCERTAIN = cheap_text() + "\n[uncertain.length]\nsd_percent = 0.1\n[uncertain.gain]\nsd_percent = 1.0\n"
-
-
-@pytest.fixture(scope="module")
-def wrong():
-    case = jb.case_from_text("wrong length", WRONG_LENGTH)
-    return jb.sample(case, seed=1, settings=TO_CONVERGE)
 
 
 @pytest.fixture(scope="module")
@@ -69,65 +61,16 @@ def report(inputs):
 
 
 @pytest.fixture(scope="module")
-def of_wrong(wrong):
-    with plain_reports():
-        return report(ReportInputs(of_case(wrong)))
-
-
-@pytest.fixture(scope="module")
 def of_cheap(cheap_inputs):
     return report(cheap_inputs)
 
 
-@pytest.mark.whole
-def test_a_model_that_does_not_explain_the_data_leads_the_report(of_wrong):
-    built, summary = of_wrong
-    assert not summary["check"]["explains"]
-    (lights,) = (block for block in built.lead if isinstance(block, Lights))
-    model = next(light for light in lights.lights if light.name == "Model")
-    assert model.kind == "bad"
-    assert model.text.startswith("Does not explain the data. Residuals are ")
-    worst = max(abs(r["error_percent"]) for r in summary["fit"]["resonances"])
-    assert f"off by up to {worst:.2g} %" in model.text
-    assert any(b.text.startswith(summary["check"]["sentence"]) for b in built.blocks() if isinstance(b, Paragraph))
-
-
-def test_what_is_known_is_conditional_where_the_model_does_not_explain_the_data(of_wrong):
-    built, summary = of_wrong
-    said = summary["identifiability"]["sentence"]
-    assert said.startswith("If the model fitted the data: ")
-    assert f"**{said}**" in [b.text for b in built.blocks() if isinstance(b, Paragraph)]
-    for table in (b for b in built.blocks() if isinstance(b, Table) and b.caption.startswith("Combinations")):
-        assert "good" not in table.row_kinds
-        known = [row[-1] for row in table.rows if row[-1] != "not identified"]
-        assert known
-        assert all(verdict == NO_VALID_VALUE for verdict in known)
-
-
-def test_what_helps_is_said_where_the_misfit_is(wrong, of_wrong):
-    built, summary = of_wrong
-    assert summary["check"]["finding"] == "misfit"
-    assert summary["check"]["causes"][0].startswith("frequencies")
-    assert diagnosis_of(wrong).advice[0] in next(
-        b.text for b in built.lead if getattr(b, "text", "").startswith("**Next")
-    )
-    assert summary["check"]["diagnosis"] == diagnosis_of(wrong).sentence
-    worst = max(abs(r["error_percent"]) for r in summary["fit"]["resonances"])
-    assert f"off by up to {worst:.2g} %" in summary["check"]["diagnosis"]
-    captions = {b.caption: b for b in built.blocks() if isinstance(b, Table)}
-    table = captions["Natural frequencies"]
-    peaks = [row[table.head.index("Peak of the data (Hz)")] for row in table.rows]
-    assert {f"{each['measured_hz']:.2f}" for each in summary["fit"]["resonances"]} == set(peaks) - {"–"}
-    assert captions["FRFs of data and best fit"].rows[0][0] == "5:y/5:y"
-
-
 @pytest.mark.usefixtures("plain_reports")
-def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(wrong, monkeypatch):
+def test_a_chain_too_short_for_an_effective_size_is_reported_with_a_dash(cheap_posterior, monkeypatch):
     monkeypatch.setattr("jointbayes.posterior.summary.effective_sizes", lambda chains: (float("nan"), float("nan")))
-    built, summary = report(ReportInputs(of_case(wrong)))
+    built, summary = report(ReportInputs(of_case(cheap_posterior)))
     assert summary["parameters"]["k22"]["ess_bulk"] is None
-    tables = [b for section in built.sections for b in section.blocks if isinstance(b, Table)]
-    (numbers,) = (t for t in tables if t.caption == "Posterior in numbers")
+    (numbers,) = (b for b in built.blocks() if isinstance(b, Table) and b.caption == "Posterior in numbers")
     assert [set(row[1:]) for row in numbers.rows[-2:]] == [{"–"}, {"–"}]
 
 
@@ -171,30 +114,17 @@ def test_freeing_what_a_case_takes_as_known_gives_what_sampling_it_uncertain_giv
         assert freed.verdict[name] == sampled.verdict(name).cls
 
 
-BOUNDS_OF_K11 = (
-    'distribution = "log_uniform" # or "log_normal" (median, sd_log), "decades" (guess, decades)\n'
-    "low = 1.0e6\nhigh = 1.0e11\n"
-)
-
-
 @pytest.mark.whole
-@pytest.mark.parametrize(
-    ("prior", "reason"),
-    [
-        (
-            'distribution = "log_uniform"\nlow = 1.0e6\nhigh = 1.0e10\n',
-            "the test sets no upper limit before the prior's upper bound 10.0 GN/m",
-        ),
-    ],
-)
-def test_a_freed_row_is_bounded_by_its_prior_as_a_run_is(prior, reason):
-    text = edited(cheap_text(), (BOUNDS_OF_K11, prior), ("relative = 0.008", "relative = 0.0085"))
+def test_a_freed_row_is_bounded_by_its_prior_as_a_run_is():
+    text = edited(cheap_text(), ("high = 1.0e11", "high = 1.0e10"), ("relative = 0.008", "relative = 0.0085"))
     sampled = jb.sample(jb.case_from_text("held", text), settings=TO_CONVERGE)
     assert sampled.converged
     uncertain = jb.case_from_text("gain", text + "\n[uncertain.gain]\nsd_percent = 0.5\n").problem
     run, freed = effect_of_uncertain_inputs(sampled, uncertain)
-    assert run.known["k11"].because.startswith(reason)
-    assert freed.known["k11"].because.startswith(reason)
+    for row in (run, freed):
+        assert row.known["k11"].because.startswith(
+            "the test sets no upper limit before the prior's upper bound 10.0 GN/m"
+        )
     assert freed.verdict == run.verdict
 
 
@@ -319,32 +249,26 @@ def test_page_one_terminal_and_summary_say_what_a_verdict_rests_on(cheap_inputs,
     built, summary = of_cheap
     freed = inputs.knowledge.freed[-1].known["k22"]
     assert summary["parameters"]["k22"]["conditions"] == ["youngs_modulus", "density", "length", "damping_ratio"]
-    assert summary["under"]["workshop"]["k22"]["interval95"] == list(freed.interval)
-    assert summary["under"]["workshop"]["k22"]["verdict"] == freed.cls
-    assert summary["parameters"]["k22"]["verdict"] == "identified"
+    workshop = summary["under"]["workshop"]["k22"]
+    assert (workshop["interval95"], workshop["verdict"]) == (list(freed.interval), freed.cls)
     table = next(b for b in built.lead if isinstance(b, Table) and b.caption.startswith("Stiffness of the joint"))
     row = next(row for row in table.rows if row[0].startswith("**k22**"))
     known = inputs.summary.parameters["k22"].known
     assert row[1:3] == (f"{known.value}\nidentified", f"{freed.value}\n{freed.cls}")
-    rests = next(b.text for b in built.lead if isinstance(b, Paragraph) and b.text.startswith("**Rests on"))
-    assert "Young's modulus, density, length and damping ratio are taken as exact." in rests
     inputs_of = "Young's modulus, density, length and damping ratio"
     only_if = f"identified, if {inputs_of} are exact"
     beside = f"with {inputs_of} uncertain {freed.value}"
-    said = next(b.text for b in built.blocks() if isinstance(b, Paragraph) and "**k22**: " in b.text)
-    assert f"**k22**: {only_if} (" in said
-    assert summary["identifiability"]["sentence"].startswith("With Young's modulus, density, length and damping ratio")
+    assert f"**k22**: {only_if} (" in " ".join(b.text for b in built.blocks() if isinstance(b, Paragraph))
+    assert summary["identifiability"]["sentence"].startswith(f"With {inputs_of}")
     print_summary(posterior, inputs.knowledge)
     lines = capsys.readouterr().out.splitlines()
-    assert f"k22 = {known.value}: {only_if}" in lines
     assert not any(beside in line for line in lines)  # only with --verbose
     assert any(text.startswith(beside) for text in reason_lines(posterior.verdict("k22")))
     assert max(map(len, lines)) <= 200
-    assert only_if in on_one_line(inputs.summary)
     print_summary(replace(posterior))  # without a report nobody looked
     said = capsys.readouterr().out
     assert f": {only_if}" in said
-    assert "What is known with Young's modulus, density, length and damping ratio uncertain: posterior.under" in said
+    assert f"What is known with {inputs_of} uncertain: posterior.under" in said
 
 
 @pytest.mark.whole
@@ -440,47 +364,3 @@ def test_what_is_assumed_is_said_from_the_priors_that_are_used(monkeypatch):
     monkeypatch.setitem(workshop.WORKSHOP_SD_PERCENT, "youngs_modulus", 4.0)
     case = jb.case_from_text("cheap", cheap_text())
     assert assumed_beyond(case.problem, case.workshop_problem)[0] == "Young's modulus to 4 %"
-
-
-@pytest.fixture(scope="module")
-def uncertain_report(of_uncertain):
-    with plain_reports():
-        return report(of_uncertain)
-
-
-@pytest.mark.whole
-def test_other_quantities_have_a_section_with_prior_and_posterior(uncertain_report):
-    built, summary = uncertain_report
-    table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Other uncertain quantities")
-    assert [row[0] for row in table.rows] == ["length", "gain"]
-    assert set(summary["nuisances"]) == {"length", "gain"}
-    assert summary["nuisances"]["length"]["nominal"] == pytest.approx(383.0)
-
-
-@pytest.mark.whole
-def test_correlations_are_those_of_the_draws(uncertain_report, uncertain):
-    built, _ = uncertain_report
-    table = next(b for b in built.blocks() if isinstance(b, Table) and b.caption == "Correlation of the draws")
-    assert table.head == ("", "ln k11", "ln k12", "ln k22")
-    assert [row[0] for row in table.rows] == ["ln k11", "ln k12", "ln k22", "ln L", "ln gain"]
-    found = np.corrcoef(np.log(uncertain.values("k22").ravel()), np.log(uncertain.values("length").ravel()))[0, 1]
-    assert float(table.rows[3][3]) == pytest.approx(found, abs=0.006)
-
-
-@pytest.mark.whole
-def test_knowledge_that_was_kept_with_the_draws_is_what_would_be_found_again(
-    uncertain, gathered, tmp_path, monkeypatch
-):
-    uncertain.save(tmp_path / "posterior.nc")
-    kept = jb.load_posterior(tmp_path / "posterior.nc")
-    for name in ("region_of", "effect_of_uncertain_inputs"):
-        monkeypatch.setattr(f"jointbayes.posterior.knowledge.{name}", lambda *_: pytest.fail("found anew"))
-    again = gather_knowledge(judged_as(kept, uncertain))
-    assert repr(again.freed) == repr(gathered.freed)
-    assert again.assumed == gathered.assumed
-    assert again.next_steps == gathered.next_steps != ()
-    for one, other in zip(again.profiles, gathered.profiles, strict=True):
-        assert one.coordinate == other.coordinate
-        assert (one.interval, one.open_below, one.open_above) == (other.interval, other.open_below, other.open_above)
-        np.testing.assert_array_equal(one.theta, other.theta)
-        np.testing.assert_array_equal(one.log_ratio, other.log_ratio)

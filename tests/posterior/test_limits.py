@@ -1,6 +1,5 @@
 """Likelihood-ratio limits: known in closed form, equal to profiles, and what is printed of them."""
 
-import json
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -10,14 +9,12 @@ import pytest
 from scipy import optimize
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
 from jointbayes.inference.climb import LimitClimb, climb_together, farthest_in_ball
 from jointbayes.joint import parametrisation_named
 from jointbayes.phrases import Reason
 from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import assess, with_test_alone
-from jointbayes.posterior.knowledge import profiles_of
 from jointbayes.posterior.limits import FALL, LikelihoodRegion
 from jointbayes.posterior.verdicts import region_of
 from jointbayes.report.sections.intervals import verdict_sentences
@@ -268,30 +265,6 @@ def test_limits_equal_the_ends_ofprofiles_of(cheap_posterior):
         assert heights_at(region, index, profile) == pytest.approx(-FALL, abs=1e-4)
 
 
-def test_the_likelihood_limits_of_the_report_are_those_of_the_verdicts(cheap_posterior):
-    for profile in profiles_of(cheap_posterior):
-        verdict = cheap_posterior.verdict(profile.name)
-        if verdict.cls != "identified":
-            assert profile.interval == pytest.approx(np.log(verdict.likelihood95), abs=1e-12)
-            assert not profile.open_below | profile.open_above
-    assert [profile.name for profile in profiles_of(cheap_posterior)] == list(PAIR.stiffness_names)
-
-
-def test_a_profile_is_open_where_the_limits_are():
-    known, sd = math.log(1e7), 0.4
-    high = known + 0.3
-    cut = Uniform(math.log(1e5), high)
-    problem = springs(
-        lambda theta: -0.5 * ((theta[:, 0] - known) / sd) ** 2, cut, Uniform(math.log(1e5), math.log(1e9))
-    )
-    region = LikelihoodRegion(problem, problem.draws())
-    profile, limits = region.profile("kx"), region.limits(0)
-    assert (profile.open_below, profile.open_above) == tuple(np.isnan(limits)) == (False, True)
-    assert profile.interval == pytest.approx((math.log(limits[0]), high), abs=1e-6)
-    with pytest.raises(ModelError, match="no residual depends on ky"):
-        region.profile("ky")
-
-
 # ---- what is printed
 
 
@@ -365,18 +338,6 @@ def test_a_limit_that_excludes_little_of_the_prior_is_none(cheap_posterior):
         assert known == verdict
         assert math.isfinite(known.limit) == (verdict == "bounded below")
         assert (Reason.EXCLUDES_LITTLE in {because.reason for because in known.reasons}) == (share < 1)
-
-
-def test_the_summary_has_one_interval_and_the_limits(cheap_posterior):
-    for name, entry in json.loads(json.dumps(cheap_posterior.summary().to_dict()))["parameters"].items():
-        known = cheap_posterior.verdict(name)
-        assert tuple(entry["interval95"]) == known.interval
-        assert entry["likelihood95"] == [end if math.isfinite(end) else None for end in known.likelihood95]
-        assert entry["limit"] is None
-        assert [reason["text"] for reason in entry["reasons"]] == [str(because) for because in known.reasons]
-        assert [reason["code"] for reason in entry["reasons"]] == [because.reason.value for because in known.reasons]
-    table = str(cheap_posterior.summary())
-    assert cheap_posterior.verdict("k11").value in table
 
 
 @pytest.mark.parametrize("bend", [0.5, 2.0])

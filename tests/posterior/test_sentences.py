@@ -1,23 +1,19 @@
 """Every number in a sentence is that of its data: other data, other words; and no line is too long for a terminal."""
 
-import math
 from dataclasses import replace
 
 import pytest
 
-from jointbayes.identification.map_estimate import SearchEffort
 from jointbayes.inference import Premises, UsedMode
 from jointbayes.posterior.decision import premises_sentences
 from jointbayes.posterior.diagnosis import Diagnosis, ModeError, PairFit
 from jointbayes.posterior.identifiability import judge_by_rule
-from jointbayes.posterior.knowledge import SimplerJoint, exclusion_sentences
 from jointbayes.posterior.model_errors import InferredError, MeshCheck
 from jointbayes.posterior.sampled import RunRecord
 from jointbayes.verdict_rule import RULE
 
 RECORD = RunRecord("case", "", 1, True, "", {}, {}, {})  # type: ignore[typeddict-item]
 DIAGNOSIS = Diagnosis((ModeError(100.0, 98.0, 1.2),), (PairFit("1:y", "1:y", 0.9, 1.0, False),), ())
-EFFORT = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
 MESH = MeshCheck("paper", 10, 1, 0.5, 0.1, {"k11": 0.2}, False, False)
 ERROR = InferredError(0.01, 0.005, 0.02, 0.003)
 MODES = Premises("why", None, ("length to 0.5 %",), (UsedMode("", 1, 120.0, 0.1),))
@@ -47,12 +43,6 @@ def told(steps: int, ess: float, *, converged: bool = True) -> str:
             ("a factor of 4.8 (limit 3)", "a factor of 2.8 (limit 1.25)"),
         ),
         (
-            EFFORT.sentence,
-            replace(EFFORT, squares=9.0, starts=50).sentence,
-            ("4.47 times", "misses the data by 3 times"),
-        ),
-        (EFFORT.sentence, replace(EFFORT, agreeing=1).sentence, ("from 40 starts", "Only 1 of 40 starts")),
-        (
             DIAGNOSIS.sentence,
             replace(DIAGNOSIS, modes=(ModeError(100.0, 97.0),), causes=("frequencies, unevenly",)).sentence,
             ("off by up to 2 %", "off by up to 3 %"),
@@ -64,14 +54,6 @@ def told(steps: int, ess: float, *, converged: bool = True) -> str:
             " ".join(premises_sentences(MODES, ERROR)),
             " ".join(premises_sentences(replace(MODES, reason="so", assumed=("density to 1 %",)), None)),
             ("The model misses each by about 1 %", "reason: so. Assumed, as the case does not state it: density"),
-        ),
-        (
-            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3e4)),))),
-            " ".join(exclusion_sentences((SimplerJoint("", "rigid", 2 * math.log(3.0)),))),
-            (
-                "rule out that the joint is rigid (odds 30000 to 1",
-                "do not rule out that the joint is rigid (odds 3 to 1",
-            ),
         ),
     ],
 )

@@ -37,15 +37,11 @@ def unwrapped(text):
 
 def test_a_summary_has_what_lmfit_reports(shown, cheap_posterior):
     text, summary = str(shown["summary"]), shown["summary"]
-    assert f"249 values, synthetic; χ² per value {summary.fit.chi2_per_line:.3g}\n" in text
     fewest = min(cheap_posterior.record.sampler["ess"].values())
     assert (found := re.search(r"^    Converged: (\S+ \S+) independent draws\. Seed 1\.$", text, re.M))
     assert float(found[1].replace(" ", "")) == pytest.approx(fewest, rel=0.05)
-    assert repr(cheap_posterior).startswith(f"Posterior of 'cheap'. {found[0].strip().removesuffix(' Seed 1.')}\n")
-    matrix = np.corrcoef(cheap_posterior.theta.T)
-    names = cheap_posterior.problem.names
-    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    expected = {(a, b): matrix[names.index(a), names.index(b)] for a, b in pairs}
+    matrix, names = np.corrcoef(cheap_posterior.theta.T), cheap_posterior.problem.names
+    expected = {(a, b): matrix[i, j] for j, b in enumerate(names) for i, a in enumerate(names[:j])}
     assert summary.correlations == pytest.approx({pair: r for pair, r in expected.items() if abs(r) > 0.1})
     strongest = max(summary.correlations, key=lambda pair: abs(summary.correlations[pair]))
     head = "[[Correlations of the draws (above 0.1)]]"
@@ -63,20 +59,8 @@ def test_all_is_short(shown):
     assert not [name for name, each in lines.items() if "array(" in "".join(each)]
 
 
-def test_quantities_have_names_units_and_digits(shown, cheap_posterior):
-    text = unwrapped(repr(shown["posterior"]))
-    for name, unit in (("k11", "N/m"), ("k12", "N"), ("k22", "N·m/rad")):
-        known = shown["posterior"].verdict(name)
-        line = re.search(rf"  {name} = (\S+) \((\S+) to (\S+)\) ([GM]){unit}: (.*)\n", f"{text}\n")
-        *shown_numbers, prefix, words = line.groups()
-        median, low, high = (float(one) * {"G": 1e9, "M": 1e6}[prefix] for one in shown_numbers)
-        assert (low != high, words) == (True, known.words)
-        drawn = np.quantile(cheap_posterior.values(name), [0.5, 0.025, 0.975])
-        np.testing.assert_allclose([median, low, high], drawn, rtol=0.06)
-    assert known.words == "identified, if Young's modulus, density, length and damping ratio are exact"
-    assert "What is known with Young's modulus, density, length and damping ratio uncertain: posterior.under" in text
+def test_what_else_is_held_is_named_by_what_it_is_of(shown):
     named = r"\(k11 = \S+ N/m, k12 = \S+ N, k22 = \S+ N·m/rad; "
-    assert re.match(f"MapEstimate{named}log posterior ", repr(shown["estimate"]))
     assert re.match(f"IterationHistory{named}", repr(shown["iteration"]))
     assert repr(shown["prediction"]) == f"FrfPrediction(median and 95 % band of {shown['frf']!r})"
 
@@ -126,13 +110,8 @@ def test_foreign_names_stay_text():
 def test_tables_of_pandas(shown, cheap_posterior):
     frame = shown["summary"].to_dataframe()
     assert list(frame.index) == ["k11", "k12", "k22"]
-    assert frame.loc["k22", "unit"] == "N·m/rad"
-    low, high = cheap_posterior.interval("k22")
-    assert (frame.loc["k22", "low95"], frame.loc["k22", "high95"]) == pytest.approx((low, high))
-    assert frame["verdict"].tolist() == [p.known.cls for p in shown["summary"].parameters.values()]
-    assert frame["r_hat"].dtype == float
+    assert (frame.loc["k22", "unit"], frame["r_hat"].dtype) == ("N·m/rad", float)
     draws = cheap_posterior.to_dataframe()
-    assert len(draws) == cheap_posterior.log_density.size
     np.testing.assert_array_equal(draws["k11"].to_numpy(), cheap_posterior.values("k11").ravel())
     assert not [cell for row in frame.to_numpy() for cell in row if cell is None or isinstance(cell, list | dict)]
     known = shown["summary"].parameters["k11"].known

@@ -18,25 +18,23 @@ from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.progress import Budget
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
-from tests.conftest import CONFIGS
 from tests.posterior.test_stored_file import copied, refusal, replaced
 
-TEXT = (CONFIGS / "clamped_beam.toml").read_text(encoding="utf-8")
+
+@pytest.fixture(scope="module")
+def posterior(cheap_inputs):
+    """With what its report has found of it."""
+    return cheap_inputs.posterior
 
 
 @pytest.fixture(scope="module")
-def posterior():
-    return jb.sample(jb.case_from_text("main", TEXT), seed=1)
-
-
-@pytest.fixture(scope="module")
-def known(posterior):
-    return gather_knowledge(posterior)
+def known(cheap_inputs):
+    assert cheap_inputs.knowledge.decides is not None
+    return cheap_inputs.knowledge
 
 
 @pytest.fixture(scope="module")
 def found(known):
-    assert known.decides is not None
     return known.decides
 
 
@@ -46,8 +44,8 @@ def test_the_length_decides_and_the_damping_does_not(found):
     assert found.sentence.endswith(" No matter alone: damping ratio.")
 
 
-def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_struck_out(found, posterior):
-    problem = posterior.case.workshop_problem
+def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_struck_out(found, posterior, cheap_case):
+    problem = cheap_case.workshop_problem
     theta = np.append(posterior.best.theta, np.zeros(4))
     _, jacobian = problem.log_posterior.residuals(theta)
     for name in ("length", "damping_ratio"):
@@ -58,8 +56,8 @@ def test_the_spread_with_one_input_is_that_of_the_information_with_the_others_st
 
 
 @pytest.mark.parametrize("name", ["youngs_modulus", "density"])
-def test_spreads_of_first_order_are_those_of_draws(found, posterior, name):
-    problem = posterior.case.workshop_problem
+def test_spreads_of_first_order_are_those_of_draws(found, posterior, cheap_case, name):
+    problem = cheap_case.workshop_problem
     sampled = _row(posterior, problem, (name,), np.random.default_rng(5), Budget())
     drawn = math.log(ratio_of(sampled.known["k22"].interval)) / (2 * 1.96)
     assert found.alone[name]["k22"] == pytest.approx(drawn, rel=0.25)
@@ -87,8 +85,8 @@ def test_what_is_said_of_inputs(alone, said):
     assert WhatDecides({"k": 0.01}, alone, {"k": 0.2}).sentence == said
 
 
-def test_nothing_is_said_where_no_stiffness_is_known_anyway(posterior):
-    problem = posterior.case.workshop_problem
+def test_nothing_is_said_where_no_stiffness_is_known_anyway(posterior, cheap_case):
+    problem = cheap_case.workshop_problem
     data = problem.test.data
     far = problem.with_test(data=replace(data, variance=1e12 * data.variance))
     theta = np.append(posterior.best.theta, np.zeros(4))
@@ -111,7 +109,10 @@ def test_a_file_keeps_combinations_mesh_and_diagnoses_and_refuses_what_does_not_
     posterior, known, tmp_path, monkeypatch
 ):
     posterior.save(tmp_path / "draws.nc")
-    for name in ("knowledge.name_directions", "model_errors.check_mesh", "diagnosis.diagnose"):
+    for name in (
+        "knowledge.name_directions", "knowledge.effect_of_uncertain_inputs", "knowledge.profiles_of",
+        "model_errors.check_mesh", "diagnosis.diagnose",
+    ):  # fmt: skip
         monkeypatch.setattr(f"jointbayes.posterior.{name}", lambda *_: pytest.fail("found again"))
     loaded = jb.load_posterior(tmp_path / "draws.nc")
     again = gather_knowledge(loaded)
@@ -119,7 +120,14 @@ def test_a_file_keeps_combinations_mesh_and_diagnoses_and_refuses_what_does_not_
     assert repr(diagnoses_of(loaded)) == repr(diagnoses_of(posterior))
     assert repr(again.directions) == repr(known.directions)  # NaN is unlike itself
     assert again.decides.sentence == known.decides.sentence
-    assert [step.words for step in again.next_steps] == [step.words for step in known.next_steps]
+    assert repr(again.freed) == repr(known.freed)
+    assert (again.assumed, again.next_steps) == (known.assumed, known.next_steps)
+    for one, other in zip(again.profiles, known.profiles, strict=True):
+        assert (one.coordinate, one.interval) == (other.coordinate, other.interval)
+        assert (one.open_below, one.open_above) == (other.open_below, other.open_above)
+        np.testing.assert_array_equal(
+            np.column_stack([one.theta, one.log_ratio]), np.column_stack([other.theta, other.log_ratio])
+        )
     # what a file of an earlier version kept is found again today
     older = copied(tmp_path, tmp_path / "draws.nc", lambda record: record.update(file_version=3, knowledge={"a": 1}))
     assert jb.load_posterior(older).case is not None

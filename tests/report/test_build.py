@@ -64,24 +64,6 @@ def of_kind(blocks, kind):
     return [block for block in blocks if isinstance(block, kind)]
 
 
-@pytest.mark.whole
-def test_page_one_has_the_summary_s_numbers_in_engineering_units(whole, cheap_posterior):
-    summary = summarise(cheap_posterior, INITIAL, MEASURED_HZ).to_dict()
-    answer = of_kind(whole.blocks(), Table)[0]
-    assert answer in whole.lead
-    assert answer.head == ("Stiffness", "Inputs exact", "Of the prior")
-    assert [row[0] for row in answer.rows] == ["**k11**, sideways", "**k12**, coupling", "**k22**, turning"]
-    for row, (name, p) in zip(answer.rows, summary["parameters"].items(), strict=True):
-        printed = p["interval95"]
-        median, low, high, unit, verdict = re.fullmatch(r"(\S+) \((\S+) to (\S+)\) (\S+)\n(.*)", row[1]).groups()
-        scale = {"G": 1e9, "M": 1e6, "k": 1e3}[unit[0]]
-        assert unit[1:] == p["unit"]
-        for text, exact in ((median, p["median"]), (low, printed[0]), (high, printed[1])):
-            assert float(text) * scale == pytest.approx(exact, rel=0.01), name
-        assert verdict == p["verdict"]
-    assert answer.row_kinds == ("bad", "caution", "good")
-
-
 def test_a_bar_is_the_interval_within_the_prior_s(whole, cheap_posterior):
     answer = of_kind(whole.lead, Table)[0]
     for name, row, bars in zip(("k11", "k12", "k22"), answer.rows, answer.bars, strict=True):

@@ -159,13 +159,14 @@ def test_every_surface_gives_the_same_numbers(kind, request, tmp_path, capsys):
         np.testing.assert_allclose(told[name]["interval95"], known.interval, rtol=1e-12)
         assert {told[name]["verdict"], frame.loc[name, "verdict"]} == {known.cls}
         assert tuple(told[name]["conditions"]) == known.conditions
-        assert [reason["text"] for reason in told[name]["reasons"]] == [str(because) for because in known.reasons]
+        assert told[name]["likelihood95"] == [end if math.isfinite(end) else None for end in known.likelihood95]
+        reasons = [(reason["text"], reason["code"]) for reason in told[name]["reasons"]]
+        assert reasons == [(str(because), because.reason.value) for because in known.reasons]
         of_draws = float(np.median(posterior.values(name)))
         assert told[name]["median"] == pytest.approx(of_draws) == pytest.approx(known.median)
-        assert of_draws == pytest.approx(float(np.median(posterior.draws[name])))
-        assert of_draws == pytest.approx(posterior.to_dataframe()[name].median())
-        column = posterior.stiffness_names.index(name)
-        assert of_draws == pytest.approx(float(np.median(posterior.stiffness[:, column])))
+        column = posterior.stiffness[:, posterior.stiffness_names.index(name)]
+        for values in (posterior.draws[name], posterior.to_dataframe()[name], column):
+            assert of_draws == pytest.approx(float(np.median(values)))
         assert exported[name] == pytest.approx(known.median, rel=1e-6)
         assert line in on_one_line(posterior)
         assert line in printed
