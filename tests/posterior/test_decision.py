@@ -20,7 +20,6 @@ from jointbayes.posterior.decision import (
     _numbered_by_evidence,
     check_best_fit,
     decide,
-    is_of_measured_frfs,
     modes_problem,
     premises_of,
     premises_sentences,
@@ -155,11 +154,6 @@ def test_typed_modes_that_are_others_are_named_and_their_model_is_none_of_the_st
     assert found.premises.misnumbered == ""
 
 
-def test_computed_frfs_are_analysed_as_they_are(cheap_posterior):
-    assert not is_of_measured_frfs(cheap_posterior.problem)
-    assert decide(cheap_posterior.problem, cheap_posterior.estimate, 1) is cheap_posterior.problem
-
-
 def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(measured):
     test, prior = measured.problem.test, measured.problem.prior
     dark = replace(test.data.split([(200.0, 600.0)])[1], synthetic=False)  # between two resonances
@@ -172,7 +166,9 @@ def test_a_joint_whose_only_test_shows_no_mode_leaves_the_answer_to_the_frfs(mea
     assert {mode.test for mode in one_joint.premises.modes} == {"seen"}
 
 
-def test_a_model_that_nobody_says_is_exact_is_given_an_error(measured):
+def test_a_model_that_nobody_says_is_exact_is_given_an_error(measured, cheap_posterior):
+    computed = cheap_posterior.problem
+    assert decide(computed, cheap_posterior.estimate, 1) is computed  # not measured: as they are
     decided = decide(measured.problem, measured.estimate, 1)
     assert decided.premises.of_modes
     assert re.fullmatch(
@@ -290,10 +286,15 @@ def test_premises_may_be_another_table_of_what_is_uncertain(cheap_case):
     assert answered is case.problem
     assert {nuisance.name for nuisance in of_other.prior.nuisances} == {"youngs_modulus", "length"}
     assert of_other.test.noise.sizes == ErrorSizes(frequency=0.01)
-    with pytest.raises(jb.CaseError, match=r"typed:\d+: uncertain.lenght: unknown table"):
-        jb.sample(case, premises={"lenght": {"sd_percent": 1.0}})
-    with pytest.raises(jb.ModelError, match="premises: found a table for a problem, which has none"):
-        jb.sample(cheap_case.problem, premises={})
+    for of, premises, kind, words in (
+        (case, {"lenght": {"sd_percent": 1.0}}, jb.CaseError, r"typed:\d+: uncertain.lenght: unknown table"),
+        (cheap_case.problem, {}, jb.ModelError, "premises: found a table for a problem, which has none"),
+        (cheap_case, "extact", jb.ModelError, "premises: found 'extact'; expected \"usual\", \"exact\", a table as"),
+        (cheap_case, {"exact": ["density"], "density": {"sd_percent": 1.0}}, jb.CaseError,
+         r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'),
+    ):  # fmt: skip
+        with pytest.raises(kind, match=words):
+            jb.sample(of, premises=premises)
 
 
 def test_the_errors_of_a_model_are_put_on_and_taken_off_a_problem(cheap_case):
@@ -309,11 +310,6 @@ def test_the_errors_of_a_model_are_put_on_and_taken_off_a_problem(cheap_case):
     assert cheap_case.problem.with_premises(premises).test.noise is cheap_case.problem.test.noise  # of FRFs it has none
 
 
-def test_how_measured_frfs_are_taken_has_two_words(cheap_case):
-    with pytest.raises(jb.ModelError, match='premises: found \'extact\'; expected "usual", "exact", a table as'):
-        jb.sample(cheap_case, premises="extact")
-
-
 def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declared_exact_is_exact(cheap_posterior):
     data = replace(cheap_posterior.problem.test.data, synthetic=False)
     declared = jb.case_from_text("cheap", f'{cheap_text()}\n[uncertain]\nexact = ["density", "length"]\n')
@@ -325,17 +321,6 @@ def test_what_nobody_stated_is_as_uncertain_as_in_a_workshop_and_what_is_declare
         assert names <= set(asked.names)
         assert not {"density", "length"} - names & set(asked.names)
         assert [mode.number for mode in asked.premises.modes if not mode.held] == [1, 2, 3]
-
-
-def test_what_is_declared_exact_has_no_prior_beside():
-    text = edited(
-        cheap_text(),
-        ("[data.noise]", "[uncertain]\nexact = ['density']\n[uncertain.density]\nsd_percent = 1.0\n[data.noise]"),
-    )
-    with pytest.raises(
-        jb.CaseError, match=r'uncertain\.exact: found "density", whose prior \[uncertain\.density\] states'
-    ):
-        jb.case_from_text("twice", text)
 
 
 @pytest.mark.science

@@ -85,16 +85,17 @@ def test_every_figure_is_that_of_the_draws_of_the_quantity():
     assert first.sentence.endswith(f": {rounded(first.median)} ({ends}), SI units")
 
 
-def test_quantities_known_alike_are_not_mixed():
-    found = directions(((1, 0, 0), 0.4), ((0, 1, 0), 0.401), ((0, 0, 1), 0.402))
+@pytest.mark.parametrize(
+    "known",
+    [
+        [((1, 0, 0), 0.4), ((0, 1, 0), 0.401), ((0, 0, 1), 0.402)],  # alike
+        [((0, 1, -1), 0.0001), ((0, 1, 1), 0.004), ((1, 0, 0), 0.01)],  # all identified
+    ],
+)
+def test_quantities_known_alike_or_all_identified_are_not_mixed(known):
+    found = directions(*known)
     assert sorted(named.quantity for named in found) == ["k11", "k12", "k22"]
     assert not any("moves with" in named.sentence for named in found)
-
-
-def test_where_every_stiffness_is_identified_no_combination_is_named():
-    found = directions(((0, 1, -1), 0.0001), ((0, 1, 1), 0.004), ((1, 0, 0), 0.01))
-    assert sorted(named.quantity for named in found) == ["k11", "k12", "k22"]
-    assert found[-1].quantity == "k11"
 
 
 def test_a_coupling_of_either_sign_is_spoken_of_as_rho_and_no_power_of_k12_is_named():
@@ -125,28 +126,15 @@ def test_what_the_prior_says_alone_is_not_called_known():
     assert all(named.verdict == "not identified" for named in name_directions(prior, prior))
 
 
-def test_single_stiffnesses_keep_the_verdict_that_is_already_said():
+def test_single_stiffnesses_keep_verdict_ends_and_limit_that_are_already_said():
     values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
     k11, k22 = (assess(values[:, i], prior_draws()[:, i]) for i in (0, 2))
-    known = {"k11": k11, "k22": replace(k22, interval=(1.0, 2.0), cls="weakly identified")}
+    bounded = replace(k11, cls="bounded below", limit=2.5e8, unit="N/m")
+    known = {"k11": bounded, "k22": replace(k22, interval=(0.9, 1.5), ratio=1.5, cls="weakly identified")}
     found = {named.quantity: named for named in name_directions(values, prior_draws(), known)}
-    assert found["k22"].verdict == "weakly identified"
-    assert found["k22"].interval95 == (1.0, 2.0)
-
-
-def test_a_single_stiffness_has_the_ends_and_the_factor_that_are_printed_everywhere():
-    values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    k22 = replace(assess(values[:, 2], prior_draws()[:, 2]), interval=(0.9, 1.5), ratio=1.5)
-    found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k22": k22})}
-    assert found["k22"].interval95 == (0.9, 1.5)
+    assert (found["k22"].verdict, found["k22"].interval95) == ("weakly identified", (0.9, 1.5))
     assert found["k22"].ratio == 1.5 / 0.9
     assert "(0.900 to 1.50)" in found["k22"].sentence
-
-
-def test_a_bounded_stiffness_is_named_with_its_limit_and_no_factor():
-    values = draws_of(((0, 0, 1), 0.006), ((0, 1, 0), 0.15), ((1, 0, 0), 1.2))
-    k11 = replace(assess(values[:, 0], prior_draws()[:, 0]), cls="bounded below", limit=2.5e8, unit="N/m")
-    found = {named.quantity: named for named in name_directions(values, prior_draws(), {"k11": k11})}
     assert found["k11"].sentence == "k11 is bounded below: above 250 MN/m"
 
 

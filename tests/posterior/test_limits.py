@@ -57,18 +57,61 @@ def test_the_fall_is_a_quantile_of_chi_square():
     assert pytest.approx(Z95**2 / 2) == FALL
 
 
-def test_limits_of_a_correlated_gaussian_are_those_of_its_marginals():
-    precision = np.array([[40.0, -38.0], [-38.0, 41.0]])
-    centre = np.log([2e7, 5e6])
+WIDE, MIDDLE, SD = Uniform(math.log(1e5), math.log(1e9)), math.log(1e7), 0.4
+PRECISION = np.array([[40.0, -38.0], [-38.0, 41.0]])
+CORRELATED_SD = math.sqrt(np.linalg.inv(PRECISION)[0, 0])
+MODULUS = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.04))
 
-    def log_of(theta):
-        return -0.5 * np.einsum("ni,ij,nj->n", theta - centre, precision, theta - centre)
 
-    sd = np.sqrt(np.diag(np.linalg.inv(precision)))
-    for index in (0, 1):
-        found = springs(log_of).limits(index)
-        reach = Z95 * sd[index]
-        assert np.log(found) == pytest.approx([centre[index] - reach, centre[index] + reach], abs=2e-3)
+def about(middle, sd):
+    return middle - Z95 * sd, middle + Z95 * sd
+
+
+def one(theta):
+    """A likelihood of the first spring alone."""
+    return -0.5 * ((theta[:, 0] - MIDDLE) / SD) ** 2
+
+
+def correlated(theta):
+    away = theta - np.log([2e7, 5e6])
+    return -0.5 * np.einsum("ni,ij,nj->n", away, PRECISION, away)
+
+
+def two_places(theta):
+    """The second is as likely by e^-0.5."""
+    each = [-0.5 * (((theta - np.log(at)) / 0.05) ** 2).sum(axis=1) for at in ([1e6, 3e7], [3e7, 1e6])]
+    return np.logaddexp(each[0], each[1] - 0.5)
+
+
+def in_series(theta):
+    """Two springs of which the sum of the flexibilities is known: each is open above, whatever is there."""
+    return -0.5 * ((np.exp(-theta).sum(axis=1) - 1e-6) / 1e-7) ** 2
+
+
+#: A likelihood, priors of both springs, what else is uncertain, ln of the limits of the first: NaN where it is open.
+CLOSED = {
+    "a correlated Gaussian": (correlated, (WIDE, WIDE), (), about(math.log(2e7), CORRELATED_SD)),
+    "a normal prior is a measurement": (one, (Normal(MIDDLE, SD), WIDE), (), about(MIDDLE, SD / math.sqrt(2))),
+    "a uniform one is none": (one, (WIDE, WIDE), (), about(MIDDLE, SD)),
+    "uniform in k itself: a volume": (one, (OfStiffness(Uniform(1e5, 1e9)), WIDE), (), about(MIDDLE, SD)),
+    "cut by its bound": (one, (Uniform(WIDE.low, MIDDLE + 0.3), WIDE), (), (MIDDLE - Z95 * SD, math.nan)),
+    "the prior of a modulus is part of it": (  # only the product of spring and modulus is seen
+        lambda theta: -0.5 * ((theta[:, 0] + theta[:, 2] - MIDDLE) / 0.03) ** 2, (WIDE, WIDE), (MODULUS,),
+        about(MIDDLE, 0.05),
+    ),
+    "every mode that has draws": (
+        two_places, (WIDE, WIDE), (),
+        (math.log(1e6) - 0.05 * Z95, math.log(3e7) + 0.05 * math.sqrt(2 * (FALL - 0.5))),
+    ),
+    "an open ridge": (in_series, (WIDE, WIDE), (), (-math.log(1e-6 + Z95 * 1e-7 - 1e-9), math.nan)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_limits_are_those_in_closed_form(name):
+    log_of, marginals, nuisances, expected = CLOSED[name]
+    found = springs(log_of, *marginals, nuisances=nuisances).limits(0)
+    assert np.log(found) == pytest.approx(expected, abs=1e-3, nan_ok=True)
 
 
 def test_climbs_that_stop_short_of_the_limit_are_gone_on_with(monkeypatch):
@@ -136,18 +179,6 @@ def test_limits_of_a_coupling_that_spans_decades_are_found_at_either_sign():
     assert found == pytest.approx([-Z95 * newtons, high], rel=2e-3)
 
 
-def test_limits_on_an_open_ridge_are_those_of_the_flexibility_that_was_measured():
-    """Two springs in series of which the sum of the flexibilities is known: each is open above, whatever is there."""
-    known, sd, high = 1e-6, 1e-7, 1e9
-
-    def log_of(theta):
-        return -0.5 * ((np.exp(-theta).sum(axis=1) - known) / sd) ** 2
-
-    found = springs(log_of).limits(0)
-    assert found[0] == pytest.approx(1 / (known + Z95 * sd - 1 / high), rel=1e-3)
-    assert math.isnan(found[1])
-
-
 def test_an_end_is_open_where_another_coordinate_can_make_up_for_it():
     """A coupling that is felt only above a certain size: below it, at the prior's edge too, the data are fitted."""
     felt, known = math.log(1e7), math.log(1e7)
@@ -188,48 +219,6 @@ def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     assert heights_at(region, posterior.problem.names.index("k22"), profile) == pytest.approx(-FALL, abs=1e-3)
 
 
-def test_limits_reach_every_mode_that_has_draws():
-    places = np.log([[1e6, 3e7], [3e7, 1e6]])
-
-    def log_of(theta):
-        each = [-0.5 * (((theta - place) / 0.05) ** 2).sum(axis=1) for place in places]
-        return np.logaddexp(each[0], each[1] - 0.5)
-
-    low, high = springs(log_of).limits(0)
-    assert low == pytest.approx(1e6 * math.exp(-0.05 * Z95), rel=2e-3)
-    assert high == pytest.approx(3e7 * math.exp(0.05 * math.sqrt(2 * (FALL - 0.5))), rel=2e-3)
-
-
-def test_a_normal_prior_counts_as_a_measurement_and_a_uniform_one_by_its_bounds_alone():
-    centre, sd = math.log(1e7), 0.4
-
-    def log_of(theta):
-        return -0.5 * ((theta[:, 0] - centre) / sd) ** 2
-
-    wide, high = Uniform(math.log(1e5), math.log(1e9)), math.log(1e7) + 0.3
-    alone = springs(log_of, wide, wide).limits(0)
-    assert np.log(alone) == pytest.approx([centre - Z95 * sd, centre + Z95 * sd], abs=1e-3)
-    both = springs(log_of, Normal(centre, sd), wide).limits(0)
-    assert np.log(both) == pytest.approx([centre - Z95 * sd / math.sqrt(2), centre + Z95 * sd / math.sqrt(2)], abs=1e-3)
-    # uniform in k itself: a volume, and no more
-    of_k = springs(log_of, OfStiffness(Uniform(1e5, 1e9)), wide).limits(0)
-    assert of_k == pytest.approx(alone, rel=1e-3)
-    cut = springs(log_of, Uniform(math.log(1e5), high), wide).limits(0)
-    assert cut[0] == pytest.approx(alone[0], rel=1e-3)
-    assert math.isnan(cut[1])
-
-
-def test_the_prior_of_what_else_is_uncertain_is_part_of_the_likelihood():
-    centre = math.log(1e7)
-
-    def log_of(theta):  # only the product of spring and modulus is seen
-        return -0.5 * ((theta[:, 0] + theta[:, 2] - centre) / 0.03) ** 2
-
-    modulus = Nuisance("youngs_modulus", "GPa", 210.0, Normal(0.0, 0.04))
-    found = springs(log_of, nuisances=(modulus,)).limits(0)
-    assert np.log(found) == pytest.approx([centre - Z95 * 0.05, centre + Z95 * 0.05], abs=1e-3)
-
-
 def test_limits_of_a_coupling_that_is_no_coordinate_equal_a_search_over_a_grid():
     signed = parametrisation_named("signed")
     prior = JointPrior(signed, (Uniform(15.0, 17.0), Uniform(9.0, 11.0), Uniform(-1.0, 1.0)))
@@ -257,7 +246,7 @@ def heights_at(region, at, profile) -> np.ndarray:
     return region._height(best) - region.greatest
 
 
-def test_limits_equal_the_ends_ofprofiles_of(cheap_posterior):
+def test_limits_equal_the_ends_of_profiles(cheap_posterior):
     for index, name in enumerate(PAIR.stiffness_names):
         region = region_of(cheap_posterior)
         profile, limits = region.profile(name), region.limits(index)

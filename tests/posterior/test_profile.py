@@ -10,6 +10,7 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.verdicts import region_of as region_of_posterior
 from tests.conftest import cheap_text, edited
+from tests.one_line import refused
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
 CENTRE = np.array([21.0, 15.0, 14.0, 0.01, 0.0])
@@ -67,20 +68,14 @@ def test_on_a_linear_model_the_profile_is_the_gaussian_of_the_marginal_sd(name, 
     np.testing.assert_allclose(profile.theta[:, 4], 0.0, atol=1e-4)  # nothing but its prior depends on it
 
 
-def test_an_end_that_the_prior_cuts_is_open():
+def test_an_end_that_the_prior_cuts_is_open_and_a_flat_ridge_has_no_limit_at_either_end():
     narrow = (jb.Uniform(CENTRE[0] - 0.01, CENTRE[0] + 10), *wide()[1:])
     profile = linear(joint=narrow).profile("k11")
-    assert profile.open_below
-    assert not profile.open_above
+    assert (profile.open_below, profile.open_above) == (True, False)
     assert profile.interval[0] == pytest.approx(CENTRE[0] - 0.01, abs=1e-6)
-
-
-def test_a_flat_ridge_has_no_limit_at_either_end():
     # data see k11·k22 and k12 alone, so k11 may be anything
-    matrix = np.array([[30.0, 0, 30.0, 0], [0, 30.0, 0, 0]])
-    profile = Linear(matrix, wide()).profile("k11")
-    assert profile.open_below
-    assert profile.open_above
+    profile = Linear(np.array([[30.0, 0, 30.0, 0], [0, 30.0, 0, 0]]), wide()).profile("k11")
+    assert (profile.open_below, profile.open_above) == (True, True)
     np.testing.assert_allclose(profile.log_ratio, 0.0, atol=1e-6)
     np.testing.assert_allclose(profile.theta[:, 0] + profile.theta[:, 2], CENTRE[0] + CENTRE[2], atol=1e-3)
 
@@ -137,11 +132,12 @@ def test_a_limit_below_zero_is_found_from_draws_above_zero():
     assert profile.interval[0] < -0.005
 
 
-def test_unknown_and_unseen_coordinates_are_refused():
-    with pytest.raises(jb.ModelError, match="found coordinate 'k13'"):
-        linear().profile("k13")
-    with pytest.raises(jb.ModelError, match="no residual depends on noise_scale"):
-        linear().profile("noise_scale")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("k13", "found coordinate 'k13'"), ("noise_scale", "no residual depends on noise_scale")],
+)
+def test_unknown_and_unseen_coordinates_are_refused(name, words):
+    refused(lambda: linear().profile(name), jb.ModelError, words)
 
 
 def test_between_two_modes_the_profile_is_as_low_as_the_likelihood():

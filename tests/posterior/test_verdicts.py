@@ -255,16 +255,12 @@ def test_an_end_that_the_likelihood_leaves_open_at_a_bound_makes_a_one_sided_lim
     assert line_of("k22", known).startswith(f"k22 {beyond} {quantity_text(limit, 'N·m/rad')}: {verdict}")
 
 
-def test_a_bound_that_draws_reach_and_the_likelihood_does_not_need_changes_nothing(cheap_posterior):
+def test_a_bound_that_the_likelihood_does_not_need_changes_nothing_and_two_open_ends_identify_nothing(cheap_posterior):
     known = bound_at_draws(cheap_posterior, "upper", low=1.4e6, high=1.7e6).verdict("k22")
     assert known.cls == cheap_posterior.verdict("k22").cls == "identified"
     assert math.isnan(known.limit)
-
-
-def test_ends_that_are_open_on_both_sides_identify_nothing(cheap_posterior):
     known = bound_at_draws(cheap_posterior, "lower", "upper").verdict("k22")
-    assert known.cls == "not identified"
-    assert known.reasons[0].reason is Reason.OPEN_BOTH
+    assert (known.cls, known.reasons[0].reason) == ("not identified", Reason.OPEN_BOTH)
 
 
 def test_of_many_unknowns_a_bound_that_the_draws_reach_counts_as_open(cheap_posterior, monkeypatch):

@@ -63,7 +63,10 @@ def failed_search(posterior):
     return replace(posterior, estimate=replace(posterior.estimate, effort=effort))
 
 
-ABOUT = {"title": "Clamp", "specimen": "Clamp **12**", "date": "2026-11-25", "operator": "A. Miller"}
+ABOUT = {
+    "title": "Clamp", "specimen": "Clamp **12**", "date": "2026-11-25", "operator": "A. Miller",
+    "instruments": "hammer 086C03",
+}  # fmt: skip
 #: States of one result, by what is the matter with it.
 STATES = {
     "settled": lambda p: p,
@@ -152,7 +155,7 @@ REPORTS = {
     "report_uncertain": lambda _: kinds.report_of(
         kinds.with_coherence(kinds.made_up("uncertain", cheap_text() + kinds.UNCERTAIN, TABLE_3))
     ),
-    "report_overhangs": lambda _: of_tests(BASE + TWO),
+    "report_overhangs": lambda _: of_tests(BASE + TWO + several.HEARD),
     "report_torques": lambda _: of_tests(several.OWN + several.TORQUES),
     "comparison": lambda _: kinds.comparison(),
 }
@@ -180,7 +183,10 @@ def test_what_a_report_says(name, made):
 @pytest.mark.parametrize("name", STATES)
 def test_what_is_said_of_a_result(name, made, capsys):
     with plain_reports():
-        require_golden(name, page_of_state(STATES[name](made), capsys))
+        posterior = STATES[name](made)
+        require_golden(name, page_of_state(posterior, capsys))
+        if name == "with_what_was_tested":
+            assert posterior.summary().to_dict()["about"] == ABOUT
 
 
 def test_every_golden_page_is_compared():

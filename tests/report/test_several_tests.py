@@ -18,9 +18,9 @@ from jointbayes.identification import missing_for_iteration, part_to_iterate
 from jointbayes.posterior import data_sha256
 from jointbayes.report.contents import PAGES
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.model import Figure, Paragraph, Table
+from jointbayes.report.model import Figure, Paragraph
 from jointbayes.report.sections.run_details import starts_section
-from jointbayes.report.sections.several_tests import overview_section, ratios_of_tests, section_of_test
+from jointbayes.report.sections.several_tests import ratios_of_tests, section_of_test
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3, cli
@@ -154,25 +154,15 @@ variance = {{source = "relative", relative = 0.03, floor = 0.01}}
 
 @pytest.mark.whole
 @pytest.mark.usefixtures("plain_reports")
-def test_the_report_has_a_section_for_each_test(overhangs):
-    inputs = inputs_of(overhangs)
-    (table,) = overview_section(inputs).blocks
-    assert [row[0] for row in table.rows] == ["long", "short", "heard"]
-    assert "2 natural frequencies" in table.rows[2][1]
+def test_figures_of_each_test_have_identifiers_of_their_own(overhangs):
     sections = [
         section_of_test(n, one, [made for page in PAGES for section in page[3] if (made := section(one)) is not None])
-        for n, one in enumerate(inputs.tests, 1)
+        for n, one in enumerate(inputs_of(overhangs).tests, 1)
     ]
-    assert [one.title for one in sections] == [f"Test {row[0]}" for row in table.rows]
     figures = [block.identifier for one in sections for block in one.blocks if isinstance(block, Figure)]
     assert len(set(figures)) == len(figures)
     assert {"test-1-frf-0-0", "test-2-frf-1-0", "test-3-frequencies-plot"} <= set(figures)
     assert "test-1-frf-1-0" not in figures  # its second output is measured in the other test only
-    for section, part in zip(sections, overhangs.problem.parts, strict=True):
-        said = [block.text for block in section.blocks if isinstance(block, Paragraph)]
-        assert sum(text.startswith("Test ") for text in said) == 1
-        frequencies = next(b for b in section.blocks if isinstance(b, Table) and b.caption.startswith("Natural"))
-        assert f"{part.natural_frequencies_hz(TABLE_3, 1)[0, 0]:.2f}" in frequencies.rows[0]
 
 
 def test_what_is_each_tests_own_has_a_ratio_and_what_they_share_has_none(torques, overhangs):

@@ -8,9 +8,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.markup import parse
 from jointbayes.report.model import Figure, Paragraph
-from jointbayes.report.sections.lead import blocks_on_tests, lead
+from jointbayes.report.sections.lead import blocks_on_tests
 from jointbayes.report.structure_sketch import _drawing, _Places, dof_words, sketch
 from tests.conftest import CONFIGS, cheap_text, of_case
 
@@ -92,19 +91,3 @@ def test_a_structure_that_nobody_can_draw_is_told_in_words(cheap_posterior, monk
     (text,) = blocks_on_tests(ReportInputs(of_case(cheap_posterior)))
     assert isinstance(text, Paragraph)
     assert text.text.startswith("**Tested.** Beam, 383 mm long")
-
-
-ABOUT = {"specimen": "Clamp **12**", "date": "2026-11-25", "operator": "A. Miller", "instruments": "hammer 086C03"}
-
-
-def test_what_was_tested_stands_in_one_line_above_the_answer_on_the_terminal_and_in_the_summary(cheap_posterior):
-    posterior = of_case(cheap_posterior, about={"title": "Clamp", **ABOUT})
-    first, *_ = lead(ReportInputs(posterior))
-    words = "".join(run.text for run in parse(first.text)).translate(dict.fromkeys((0x2068, 0x2069)))
-    assert words == "Specimen: Clamp **12**; Date of test: 2026-11-25; Operator: A. Miller; Instruments: hammer 086C03."
-    assert "**" not in "".join(run.text for run in parse(first.text) if run.bold)
-    summary = posterior.summary()
-    assert summary.to_dict()["about"] == {"title": "Clamp", **ABOUT}
-    assert "Operator: A. Miller" in str(summary)
-    bare = lead(ReportInputs(of_case(cheap_posterior)))
-    assert not any(isinstance(block, Paragraph) and "Specimen" in block.text for block in bare)

@@ -144,21 +144,6 @@ def right(seed):
 GREEN = ("good", "good", "good")
 
 
-@pytest.mark.science
-def test_the_lights_of_right_data_are_green():
-    assert right(1).colours == GREEN
-
-
-@pytest.mark.science
-@pytest.mark.parametrize("wrong", ["gain 4.6", "sign"])
-def test_a_wrong_sensor_that_is_not_fitted_is_named_by_the_light_of_the_data(wrong):
-    change, named = WRONG_SENSORS[wrong]
-    found = seen(1, **change)
-    assert found.off == named
-    assert found.colours == ("good", "good", "caution")
-    assert found.said.startswith(f"FRF {named[0]} ")
-
-
 def row(name, seed, found):
     """A line of the table that `pytest -s` prints."""
     print(f"{name:28} {seed:2} {' '.join(f'{colour:8}' for colour in found.colours)} {' '.join(found.off)}", flush=True)
@@ -166,7 +151,7 @@ def row(name, seed, found):
 
 
 @pytest.mark.science
-@pytest.mark.parametrize("seed", range(2, 13))
+@pytest.mark.parametrize("seed", range(1, 13))
 def test_right_data_are_green(seed):
     assert row("right", seed, right(seed)).colours == GREEN
 
@@ -179,6 +164,9 @@ def test_each_wrong_sensor_is_named(wrong, seed):
     found = row(wrong, seed, seen(seed, **change))
     assert found.off == named
     assert found.colours[2] == "caution"
+    if wrong in ("gain 4.6", "sign"):  # which nothing else of the answer feels
+        assert found.colours == ("good", "good", "caution")
+        assert found.said.startswith(f"FRF {named[0]} ")
 
 
 @pytest.mark.science

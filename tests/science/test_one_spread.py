@@ -1,7 +1,6 @@
 """Every spread that a report prints is that of the draws, and of a stiffness that of page one, wherever it stands."""
 
 import datetime
-import json
 import math
 import re
 
@@ -9,11 +8,9 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.posterior.knowledge import UncertainInputsRow
 from jointbayes.posterior.posterior import gather_knowledge
 from jointbayes.report import ReportInputs, build_report
 from jointbayes.report.model import Callout, Paragraph, Table
-from jointbayes.report.sections.identifiable import _freed_row
 from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
 
 pytestmark = pytest.mark.science
@@ -139,28 +136,6 @@ def test_the_table_of_combinations_prints_the_same_numbers(written):
         assert printed == pytest.approx(ends, rel=0.01)
         assert (ratio == "–") if math.isinf(expected) else float(ratio) == pytest.approx(expected, rel=0.01)
         assert (sd == "–") == math.isinf(expected)
-
-
-def test_the_first_row_of_what_uncertain_quantities_cost_is_the_run_as_page_one_prints_it(written):
-    posterior, report, summary = written
-    first = gather_knowledge(posterior).freed[0]
-    assert first.source == "this run"
-    for name in NAMES:
-        row = json.loads(json.dumps(first.known[name].as_json()))
-        for key in ("interval95", "sd_log", "verdict"):
-            assert row[key] == summary["parameters"][name][key]
-        assert first.known[name].interval == pytest.approx(posterior.interval(name))
-    table = table_of(report, "Stiffness of the joint")
-    run = next(i for i, title in enumerate(table.head) if title.startswith("Inputs") and "workshop" not in title)
-    known = {name: posterior.verdict(name) for name in NAMES}
-    cells = _freed_row(UncertainInputsRow((), "this run", known), NAMES)
-    assert cells[4] == "; ".join(f"{name} {known[name].plain_words}" for name in NAMES)
-    for name, row, cell in zip(NAMES, table.rows, cells[1:4], strict=True):
-        assert row[run].partition("\n")[0] == cell == posterior.verdict(name).value
-        if not posterior.verdict(name).limit:
-            ends, _ = printed_of(name, posterior)
-            *printed, prefix = re.fullmatch(r"\S+ \((\S+) to (\S+)\) ([GMk]?)N\S*", cell).groups()
-            assert [float(end) * SCALE[prefix] for end in printed] == pytest.approx(ends, rel=0.03)  # of two digits
 
 
 def test_no_spread_is_wider_than_any_within_the_range_of_the_prior(written):

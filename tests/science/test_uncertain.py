@@ -117,24 +117,6 @@ def test_a_wrong_gain_biases_the_joint_unless_it_is_uncertain():
 SMALL = jb.load_case("configs/clamped_beam_midspan.toml").text.replace("f_step_hz = 2.0", "f_step_hz = 40.0")
 
 
-@pytest.mark.science
-def test_a_case_samples_what_it_calls_uncertain_and_saves_it(tmp_path):
-    case = jb.case_from_text("small", SMALL)
-    posterior = jb.sample(case, seed=4, settings=jb.SamplerSettings(walkers=24, max_steps=200))
-    names = [n.name for n in case.problem.prior.nuisances]
-    assert names == ["youngs_modulus", "density", "length", "damping_ratio"]
-    assert set(names) < set(posterior.draws)
-    assert_allclose(posterior.values("length").mean(), 383.0, rtol=0.02)
-    posterior.save(tmp_path / "posterior.nc")
-    again = jb.load_posterior(tmp_path / "posterior.nc")
-    assert_allclose(again.theta, posterior.theta, rtol=1e-12, atol=1e-12)
-    # draws of θ and the densities stored with them belong together
-    rows = np.linspace(0, len(again.theta) - 1, 20).astype(int)
-    assert_allclose(case.problem.log_posterior(again.theta[rows]), again.log_density.ravel()[rows], rtol=1e-9)
-    frequencies = posterior.predict_natural_frequencies(3)
-    assert_allclose(np.median(frequencies, axis=0), [121.5, 752.5, 2066.4], rtol=0.01)
-
-
 def test_the_structure_of_the_data_may_differ_from_the_one_analysed():
     text = SMALL.replace("\n[data.truth]", "\n[data.truth]\nlength_mm = 360.0\ngain = 1.1\n#")
     truth = replace(BEAM, length=0.36)
