@@ -537,14 +537,3 @@ def test_a_layout_names_the_variables_of_a_file_that_nobody_would_know(tmp_path)
     np.testing.assert_allclose(case.problem.test.data.frf.values, frf.values[:, :1], rtol=1e-12)
     refuses(tmp_path, data, "found neither FRFs nor time histories in 'a'")
     refuses(tmp_path, f'{data}\n[data.layout]\nfrff = "a"\n', r'data.layout.frff: unknown key.* did you mean "frf"')
-
-
-def test_inspect_takes_a_layout(tmp_path):
-    frf = virtual()
-    np.savez(tmp_path / "tip.npz", a=frf.values[:, 0, 0], b=frf.frequency_hz)
-    named = ["--layout", "frf=a", "--layout", "frequency_hz = b"]
-    shown = cli("inspect", tmp_path / "tip.npz", *named)
-    assert (shown.exit_code, "output 1" in shown.output) == (0, True)
-    wrong = cli("inspect", tmp_path / "tip.npz", "--layout", "frf")
-    assert wrong.exit_code == 2
-    assert "found 'frf'; expected KEY=NAME" in wrong.output

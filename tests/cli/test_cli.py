@@ -388,17 +388,3 @@ def test_commands_look_for_garbage_seldom():
         assert gc.get_threshold()[0] >= 100_000
     finally:
         gc.set_threshold(*before)
-
-
-@pytest.mark.parametrize(("line", "said"), [
-    ("calibrate case.toml", "calibrate: it was removed: simulation-based calibration checks the program"),
-    ("simulate case.toml --out x.uff", "simulate: it was removed: computed data stand in a case"),
-    ("run case.toml --resume", "--resume: it was removed: leave it out"),
-    ("campaign joints.csv --draws 400", "--draws: it was removed: leave it out"),
-    ("campaign joints.csv --again", "--again: it was removed: leave it out"),
-    ("plan case.toml --assume k11=1e9", "--assume: it was removed: leave it out"),
-    ("plan case.toml --out planned", "--out: it was removed: leave it out"),
-])  # fmt: skip
-def test_what_went_is_refused_by_what_to_do_instead(line, said):
-    result = cli(*line.split())
-    assert (result.exit_code, said in result.stderr) == (2, True), result.stderr

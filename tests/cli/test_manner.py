@@ -74,18 +74,6 @@ def test_every_command_prints_one_json_object_if_asked_and_only_open_opens(
     assert json.loads(cli("schema", "--json").stdout) == json.loads(cli("schema").stdout) == case_schema()
 
 
-def test_json_of_a_command_that_fails_says_where_and_why(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.toml").write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = -1")), encoding="utf-8")
-    result = cli("run", "bad.toml", "--json")
-    told = json.loads(result.stdout)
-    (error,) = told["errors"]
-    line = 1 + cheap_text()[: cheap_text().index("length_mm")].count("\n")
-    assert (told["exit_code"], error["file"], error["line"]) == (2, "bad.toml", line)
-    assert error["key"] == "structure.length_mm"
-    assert error["message"].startswith("found -1; expected")
-
-
 def test_quiet_says_no_progress_and_all_the_rest(case):
     loud, quiet = cli("identify", case), cli("identify", case, "--quiet")
     assert loud.stdout == quiet.stdout
@@ -233,38 +221,6 @@ def test_validate_says_what_was_understood_of_every_shipped_case():
     assert max(map(len, result.stdout.replace(f"{CONFIGS}/", "").splitlines())) <= LONGEST
     for part in ("structure: ", "joint: ", "data: ", "noise: ", "unknown k22: 95 % of the prior from "):
         assert result.stdout.count(f"\n  {part}") >= 5, part
-
-
-def test_validate_shows_all_faults_of_all_files_with_their_lines_underlined(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    slips = (("length_mm = 383.0", "lenght_mm = 383.0"), ("diameter_mm = 25.0", 'diameter_mm = "25"'))
-    (tmp_path / "bad.toml").write_text(edited(cheap_text(), *slips), encoding="utf-8")
-    (tmp_path / "good.toml").write_text(cheap_text(), encoding="utf-8")
-    result = cli("validate", "bad.toml", "good.toml", "missing.toml")
-    assert result.exit_code == 2
-    assert result.stdout.startswith("good.toml: valid, no warnings; ")
-    told = without_stages(result.stderr)
-    assert [line.split(": ")[1 if line.startswith("jointbayes") else 0] for line in told if ".toml:" in line] == [
-        *(f"bad.toml:{1 + cheap_text()[: cheap_text().index(old)].count(chr(10))}" for old, _ in slips),
-        "missing.toml:1",
-    ]
-    at = next(i for i, line in enumerate(told) if "lenght_mm" in line)
-    number, _, row = told[at + 1].partition(" | ")
-    assert row.startswith("lenght_mm = 383.0")
-    assert told[at + 2] == f"{'':>{len(number)}} | " + "^" * len("lenght_mm = 383.0")
-    files = json.loads(cli("validate", "bad.toml", "good.toml", "--json").stdout)
-    assert [entry["valid"] for entry in files["cases"]] == [False, True]
-    assert len(files["errors"]) == 2
-
-
-def test_validate_tells_of_values_that_are_probably_slips(tmp_path):
-    path = tmp_path / "slip.toml"
-    path.write_text(edited(cheap_text(), ("length_mm = 383.0", "length_mm = 0.383")), encoding="utf-8")
-    result = cli("validate", path)
-    assert (result.exit_code, f"{path}: valid, warnings: 1; " in result.stdout) == (0, True)
-    (warning,) = json.loads(cli("validate", path, "--json").stdout)["warnings"]
-    assert (warning["code"], warning["key"], warning["line"] > 1) == ("shape", "structure.length_mm", True)
-    assert "structure.length_mm: found 0.383: shorter than its section is thick" in result.stderr
 
 
 @pytest.mark.parametrize(

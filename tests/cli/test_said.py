@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.walk_through import accelerance, exact_accelerance, hits, write_frfs
+from benchmarks.walk_through import accelerance, exact_accelerance, hits, write_frfs, write_lvm
 from benchmarks.written_files import write_records
 
 from jointbayes.cli.output import LONGEST
-from tests.conftest import cli, edited, shipped_text, without_stages
+from tests.conftest import cheap_text, cli, edited, shipped_text, without_stages
 from tests.golden import require_kept
 from vibrecords.formats.read import iter_records
 from vibrecords.records import ModeRecord, TimeRecord
@@ -57,13 +57,13 @@ def table(name, head, *columns):
     return text(name, "\n".join([head, *rows]))
 
 
-def uff(name, lines=COARSE, sign=1):
+def uff(name, lines=COARSE, sign=1, kind="uff58b"):
     """Writes an FRF with its coherence as an analyser does, or the same with its motion turned."""
 
     def write():
-        write_frfs(Path(name), lines, "uff58b", (("Point:3:Z+", "11:y"),))
+        write_frfs(Path(name), lines, kind, (("Point:3:Z+", "11:y"),))
         records = [replace(record, values=sign * record.values) for record in iter_records(Path(name))]
-        write_records(records, Path(name), "uff58b")
+        write_records(records, Path(name), kind)
 
     return write
 
@@ -92,6 +92,8 @@ WITH_NAME = [
 ]
 HEADS = "Frequency (Hz),Real acc / force (EU/V),Imag acc / force (EU/V),Coherence acc / force"
 NOISE = np.array([1, 1j]) @ np.random.default_rng(1).standard_normal((2, LINES.size))
+SLIPS = edited(cheap_text(), ("length_mm = 383.0", "lenght_mm = 383.0"), ("diameter_mm = 25.0", 'diameter_mm = "25"'))
+FINE = np.arange(20.0, 1000.0, 2.0)
 H, EXACT = accelerance(COARSE), exact_accelerance(LINES)
 #: What lies in the directory, and what is typed; the case that `init` writes is part of what is said.
 ROWS = {
@@ -140,12 +142,41 @@ ROWS = {
     "init, a hit without units": ([hit("Time (s),hammer,acc")], "init --from hit.csv"),
     "init, above mode 1": (
         [uff("high.uff", np.arange(300.0, 2400.0, 4.0))], "init --from high.uff; answer; validate my_case.toml"),
-    "init, a turned sensor": ([uff("turned.uff", np.arange(20.0, 1000.0, 2.0), -1)], "init --from turned.uff"),
+    "init, a turned sensor": ([uff("turned.uff", FINE, -1)], "init --from turned.uff"),
     "init, modes": ([modal_test, text("modes.uff", "")], "init --from modes.uff"),
     "init, outside": ([], "init --from ../tip.csv"),
     "init, missing": ([], "init --from missing.csv"),
     "init, a second case": ([tip()], "init my_case.toml other.toml --from tip.csv"),
     "init, blank": ([text("empty.csv", " ")], "init --from empty.csv"),
+    **{f"init, answered, {name.rpartition('.')[2]}": ([write], f"init --from {name}; answer; validate my_case.toml")
+       for name, write in (
+        ("tip.csv", table("tip.csv", "Frequency (Hz),Real (m/s²/N),Imag (m/s²/N)", COARSE, H.real, H.imag)),
+        ("tip.uff", uff("tip.uff")), ("tip.mat", uff("tip.mat", kind="mat")),
+        ("hits.lvm", lambda: write_lvm(Path("hits.lvm"))))},
+    "inspect": ([uff("a.uff", FINE)], "inspect a.uff --figure look.svg; inspect a.uff --band 300 1000"),
+    "inspect, bands": ([uff("a.uff")], "; ".join(
+        f"inspect a.uff --band {band}" for band in ("1000 300", "300 300", "nan 300", "-1 5"))),
+    "inspect, a turned sensor": ([uff("turned.uff", FINE, -1)], "inspect turned.uff"),
+    "inspect, conjugates": ([uff("a.uff", FINE)], "inspect a.uff --conjugate"),
+    "inspect, no measurement": (
+        [text("empty.uff", ""), text("text.uff", 3 * "not a measurement\n")],
+        "inspect empty.uff; inspect text.uff; inspect missing.uff"),
+    "inspect, a layout": (
+        [lambda: np.savez("tip.npz", a=H, b=COARSE)],
+        "inspect tip.npz --layout frf=a --layout 'frequency_hz = b'; inspect tip.npz --layout frf"),
+    "validate": (
+        [text("bad.toml", SLIPS), text("good.toml", cheap_text())],
+        "validate bad.toml good.toml missing.toml; validate bad.toml good.toml --json; run bad.toml --json"),
+    "validate, a slip": ([text("slip.toml", edited(cheap_text(), ("length_mm = 383.0", "length_mm = 0.383")))],
+                         "validate slip.toml; validate slip.toml --json"),
+    "wrong calls": ([], "run --json; run case.toml --sed 1 --json; check a.toml --json --seed x; rum --json; "
+                    "--sed --json"),
+    "what went": ([], "calibrate case.toml; simulate case.toml --out x.uff; run case.toml --resume; "
+                  "campaign joints.csv --draws 400; campaign joints.csv --again; plan case.toml --assume k11=1e9; "
+                  "plan case.toml --out planned"),
+    **{f"what is understood of the day {day}": ([tip(outputs=("a tip", "a mid")), case(
+        more=f'[about]\nspecimen = "Clamp 12"\ndate = {day}\n')], "validate case.toml")
+       for day in ('"2026-11-25"', "2026-11-25T08:00:00")},
 }  # fmt: skip
 
 

@@ -32,6 +32,11 @@ def test_cowper_shear_coefficients():
         (Section.box(1.0, 1.0, 1e-6), 20 * (1 + nu) / (48 + 39 * nu), 1e-9),
     ):
         assert section.shear_coefficient(nu) == pytest.approx((kappa, kappa), rel=rel)
+    # Cowper (1966), thin-walled box, sides at mid-wall: n = flange over web, m = n as the walls are of one thickness
+    for found, n in zip(Section.box(0.08, 0.12, 0.002).shear_coefficient(nu), (78 / 118, 118 / 78), strict=True):
+        web = (12 + 72 * n + 150 * n**2 + 90 * n**3) + nu * (11 + 66 * n + 135 * n**2 + 90 * n**3)
+        flange = 10 * n**2 * ((3 + nu) * n + 3 * n**2)
+        assert found == pytest.approx(10 * (1 + nu) * (1 + 3 * n) ** 2 / (web + flange), rel=1e-9)
 
 
 def test_a_flat_box_shears_more_easily_across_its_flat_side():
