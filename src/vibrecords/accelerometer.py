@@ -68,8 +68,15 @@ def remove_accelerometers(measured: FrfData, masses: Mapping[str, float], *, rov
     for sensors, outputs in groups:
         correction = _correction(frf, sensors, np.array([given[s] for s in sensors]), outputs)
         rows = [frf.outputs.index(output) for output in outputs]
-        clean[:, rows] = correction(values)
-        clean_variance[:, rows] = _propagate(correction, values, variance)
+        clean[:, rows] = here = correction(values)
+        # the variance to first order, by differences
+        step, total = _STEP * np.abs(values).max(axis=(1, 2)), np.zeros(here.shape)
+        for o, i in np.ndindex(values.shape[1:]):
+            moved = values.copy()
+            moved[:, o, i] += step
+            slope = (correction(moved) - here) / step[:, None, None]
+            total += np.abs(slope) ** 2 * variance[:, o, i, None, None]
+        clean_variance[:, rows] = total
     corrected = replace(frf, values=clean, coherence=None).converted(measured.frf.quantity)
     return replace(measured, frf=corrected, variance=clean_variance * factor**2)
 
@@ -104,16 +111,3 @@ def _place(frf: FrfSet, output: str, input_: str) -> tuple[int, int]:
     found = f"no FRF of {output} over a force at {input_}"
     remedy = "measure it, or put the mass into the model: structure.accelerometer_mass_g"
     raise refusal("accelerometer mass", found, f"it, to take the mass at {input_} out of the data", remedy)
-
-
-def _propagate(correction: Callable[[ComplexArray], ComplexArray], values: ComplexArray, variance: Array) -> Array:
-    """Variance of the corrected receptances to first order, shape (lines, outputs, inputs)."""
-    here = correction(values)
-    step = _STEP * np.abs(values).max(axis=(1, 2))
-    total = np.zeros(here.shape)
-    for o, i in np.ndindex(values.shape[1:]):
-        moved = values.copy()
-        moved[:, o, i] += step
-        slope = (correction(moved) - here) / step[:, None, None]
-        total += np.abs(slope) ** 2 * variance[:, o, i, None, None]
-    return total

@@ -22,13 +22,7 @@ from vibrecords.formats.grid import cut_to_band, excluded_lines, join_frfs, meas
 from vibrecords.formats.read import iter_records
 from vibrecords.formats.units import two_readings
 from vibrecords.frf_set import FrfSet
-from vibrecords.measurement_plan import (
-    MeasurementPlan,
-    VarianceSource,
-    find_channel,
-    map_records,
-    require_channels,
-)
+from vibrecords.measurement_plan import MeasurementPlan, VarianceSource, find_channel, map_records, require_channels
 from vibrecords.modal_fit import fit_modes, modes_and_doubtful
 from vibrecords.provenance import MeasuredFile, MeasuredMode, MeasurementWarning, Provenance
 from vibrecords.records import FrfRecord, Record, TimeRecord

@@ -321,26 +321,21 @@ def _weight_of_squares(square: Array, width: int, model: ComplexArray) -> Array:
         level = np.log(magnitude + 1e-3 * np.median(magnitude) + np.finfo(float).tiny)
         level = (level - level.mean()) / max(level.std(), 1e-6)
         columns = np.column_stack([np.ones(count), level, level**2, line, line**2])
-        law = np.exp(columns @ _log_linear_fit(columns, square[:, k]))
+        # coefficients c of E[square] = exp(columns c) for exponentially distributed squares, by Fisher scoring
+        c = np.append(np.log(square[:, k].mean() + np.finfo(float).tiny), np.zeros(columns.shape[1] - 1))
+        for _ in range(30):
+            excess = np.minimum(square[:, k] / np.exp(columns @ c), 50.0) - 1
+            step = scipy.linalg.lstsq(columns, excess)[0]
+            c = c + np.clip(step, -1, 1)
+            if np.abs(step).max() < 1e-6:
+                break
+        law = np.exp(columns @ c)
         ratio = square[:, k] / law
         total = np.concatenate([[0.0], np.cumsum(ratio)])
         # far below the sum before it, a difference of sums is rounding: no mean is below the smallest of its terms
         least = scipy.ndimage.minimum_filter1d(ratio, 2 * half + 1, mode="nearest")
         weight[:, k] = (law * np.maximum((total[last] - total[first]) / (last - first), least)) ** -0.5
     return weight
-
-
-def _log_linear_fit(columns: Array, square: Array) -> Array:
-    """Coefficients c of E[square] = exp(columns c) for exponentially distributed squares, by Fisher scoring."""
-    coefficients = np.zeros(columns.shape[1])
-    coefficients[0] = np.log(square.mean() + np.finfo(float).tiny)
-    for _ in range(30):
-        ratio = np.minimum(square / np.exp(columns @ coefficients), 50.0)
-        step = scipy.linalg.lstsq(columns, ratio - 1)[0]
-        coefficients = coefficients + np.clip(step, -1, 1)
-        if np.abs(step).max() < 1e-6:
-            break
-    return coefficients
 
 
 def _modes_of(fits: list["_PoleFit"]) -> tuple[tuple[MeasuredMode, ...], Array]:

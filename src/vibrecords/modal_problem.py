@@ -60,9 +60,15 @@ class ModalProblem:
         self.factor = quantity_factor(frequency_hz, quantity)
         #: real and imaginary parts in turn: noise of σ² = E|δH|² = 1 has unit variance in each
         self.both_weights = np.sqrt(2.0) * np.repeat(weight.T, 2, axis=1)
-        rest = self._rest().view(float)
         #: what lies outside the band is the same for all poles: it is taken out of everything once
-        self.rest = [_orthonormal(w * rest) for w in self.both_weights]
+        outside = np.array([r * self.omega[0] for r in _REST_BELOW] + [r * self.omega[-1] for r in _REST_ABOVE])
+        one_pole = 1 / (outside[:, None] ** 2 - self.omega**2)
+        rows = [(1j * self.omega) ** np.array(_REST_POWERS)[:, None], one_pole, 1j * self.omega * one_pole]
+        rest = self.factor * np.vstack(rows)
+        of_size_1 = (rest / np.abs(rest).max(axis=1)[:, None]).view(float)
+        weighted = [w * of_size_1 for w in self.both_weights]
+        of_length_1 = [each / np.linalg.norm(each, axis=1)[:, None] for each in weighted]
+        self.rest = [np.ascontiguousarray(np.linalg.qr(each.T, "reduced")[0].T) for each in of_length_1]
         targets = self.both_weights * np.ascontiguousarray(values.T).view(float)
         self.target = [t - (rest @ t) @ rest for rest, t in zip(self.rest, targets, strict=True)]
         self._last: tuple[bytes, list[_Linear]] = (b"none", [])
@@ -89,10 +95,7 @@ class ModalProblem:
         def slopes(now: ComplexArray) -> tuple[Array, Array]:
             """JᵀJ and Jᵀr, of steps in x."""
             scale = np.concatenate([width, -now.real / np.abs(now)])
-            square, slope = np.zeros((scale.size, scale.size)), np.zeros(scale.size)
-            for by_pole, on_rest, on_rows, fit in self._slopes(now):
-                square += by_pole @ by_pole.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
-                slope -= by_pole @ fit.residual
+            square, slope = self._normal(now)
             return square * np.outer(scale, scale), slope * scale
 
         reach = np.repeat(_REACH, poles.size)
@@ -189,7 +192,13 @@ class ModalProblem:
         residual = self.values - self.model(poles)
         square = (np.abs(self.weight * residual) ** 2).mean(axis=1)
         by_order = polynomial_poles(self.omega / (2 * np.pi), residual, self.weight, min(order, self.omega.size // 4))
-        candidates = np.concatenate([steady_poles(by_order, 3), self._peaks(square)])
+        # poles at the lines that the fit explains worst, with dampings from a wide range
+        smooth, worst = np.convolve(square, np.full(5, 0.2), "same"), list[int]()
+        for line in np.argsort(smooth)[::-1].tolist():
+            if len(worst) < 4 and all(abs(line - other) > 5 for other in worst):
+                worst.append(line)
+        peaks = [pole_of(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING]
+        candidates = np.concatenate([steady_poles(by_order, 3), *peaks])
         misfit = self._misfit(poles)
         gain = self.gain(poles, candidates) / misfit
         for i in np.argsort(gain)[::-1][:3]:
@@ -201,17 +210,6 @@ class ModalProblem:
             # the mean has a spread of 1/√n
             if near.any() and square[near].mean() > misfit * (1 + 4 / np.sqrt(near.sum() * self.values.shape[1])):
                 yield np.append(np.delete(poles, i), [pole - 0.7j * width, pole + 0.7j * width])
-
-    def _peaks(self, square: Array) -> ComplexArray:
-        """Poles at the lines that the fit explains worst, with dampings from a wide range."""
-        smooth = np.convolve(square, np.full(5, 0.2), "same")
-        worst: list[int] = []
-        for line in np.argsort(smooth)[::-1]:
-            if all(abs(line - other) > 5 for other in worst):
-                worst.append(int(line))
-            if len(worst) == 4:
-                break
-        return np.concatenate([pole_of(self.omega[worst], np.full(len(worst), zeta)) for zeta in _TRIED_DAMPING])
 
     def _drop_idle(self, poles: ComplexArray, *, even: bool = False) -> ComplexArray:
         """Poles that are worth their price, the noise about each as it is or, while modes are missing, even."""
@@ -336,14 +334,6 @@ class ModalProblem:
             total += (slope * np.linalg.solve(blocks, slope)).sum(axis=(1, 2))
         return total
 
-    def _rest(self) -> ComplexArray:
-        omega = self.omega
-        outside = np.array([r * omega[0] for r in _REST_BELOW] + [r * omega[-1] for r in _REST_ABOVE])[:, None]
-        one_pole = 1 / (outside**2 - omega**2)
-        rows = [(1j * omega) ** np.array(_REST_POWERS)[:, None], one_pole, 1j * omega * one_pole]
-        rest = self.factor * np.vstack(rows)
-        return rest / np.abs(rest).max(axis=1)[:, None]
-
     def freedom(self, modes: int) -> int:
         """Degrees of freedom of χ²: values less fitted numbers."""
         lines, frfs = (int(n) for n in self.values.shape)
@@ -380,11 +370,12 @@ class ModalProblem:
             self._last = poles.tobytes(), fits
         return self._last[1]
 
-    def _slopes(self, poles: ComplexArray) -> Iterator[tuple[Array, Array, Array, "_Linear"]]:
-        """Derivatives of each fitted FRF by each ω_r, then each ζ_r; their products with the rest and with the rows.
+    def _normal(self, poles: ComplexArray) -> tuple[Array, Array]:
+        """JᵀJ, shape (2n, 2n), and Jᵀr of all FRFs, by each ω_r, then each ζ_r.
 
-        What neither explains of them is the Jacobian, but for its sign, after Kaufman. With them comes the linear fit.
+        The Jacobian, but for its sign, is what neither the rest nor the rows explain of the derivatives (Kaufman).
         """
+        jtj, jtr = np.zeros((2 * poles.size, 2 * poles.size)), np.zeros(2 * poles.size)
         omega_r, zeta, omega = np.abs(poles)[:, None], (-poles.real / np.abs(poles))[:, None], self.omega
         per_d = self._per_denominator(poles)
         square = per_d * per_d / (self.factor / np.abs(self.factor).max())
@@ -400,16 +391,17 @@ class ModalProblem:
             by_pole += quadrature * of_quadrature
             by_pole *= w
             on_rest = by_pole @ rest.T
-            yield by_pole, on_rest, by_pole @ fit.rows.T - on_rest @ fit.on_rest.T, fit
+            on_rows = by_pole @ fit.rows.T - on_rest @ fit.on_rest.T
+            jtj += by_pole @ by_pole.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
+            jtr -= by_pole @ fit.residual
+        return jtj, jtr
 
     def covariance(self, poles: ComplexArray) -> Array:
         """Covariance of (ω₁ … ω_n, ζ₁ … ζ_n) of poles of least squares, shape (2n, 2n).
 
         The inverse of JᵀJ, widened by the `inflation` of each pole.
         """
-        square = np.zeros((2 * poles.size, 2 * poles.size))
-        for by_pole, on_rest, on_rows, fit in self._slopes(poles):
-            square += by_pole @ by_pole.T - on_rest @ on_rest.T - on_rows @ fit.inverse @ on_rows.T
+        square, _ = self._normal(poles)
         scale = np.sqrt(np.diag(square))
         inverse = np.linalg.pinv(square / np.outer(scale, scale), rcond=1e-14, hermitian=True)
         widening = np.tile(np.sqrt(self.inflation(poles)), 2) / scale
@@ -445,10 +437,6 @@ def _gaps(poles: ComplexArray) -> tuple[Array, Array]:
 def pole_of(omega_r: Array, zeta: Array) -> ComplexArray:
     """λ = ω_r (−ζ + j√(1 − ζ²)) of natural frequencies, rad/s, and damping ratios, any shape."""
     return omega_r * (-zeta + 1j * np.sqrt(1 - zeta**2))
-
-
-def _orthonormal(rows: Array) -> Array:
-    return np.ascontiguousarray(np.linalg.qr((rows / np.linalg.norm(rows, axis=1)[:, None]).T, "reduced")[0].T)
 
 
 def polynomial_poles(frequency_hz: Array, values: ComplexArray, weight: Array, max_order: int) -> list[ComplexArray]:

@@ -40,7 +40,13 @@ def resonances_hz(data: Data) -> Array:
         values, ratio = receptances[:, o, i], ratios[:, o, i]
         places = peak_places(frfs, values, o, i)
         roots += [(_interpolate_frequency(frequency, values, ratio, k), float(ratio[k])) for k in places]
-    return _merged(np.array(roots).reshape(-1, 2), float(np.median(np.diff(frequency))))
+    if not roots:
+        return np.empty(0)
+    # one frequency for each group of neighbours, that of the peak which stands out of the noise most
+    peaks = np.array(sorted(roots, key=lambda root: root[0]))
+    near = np.maximum(_SAME_LINES * float(np.median(np.diff(frequency))), _SAME * peaks[1:, 0])
+    cuts = [0, *(np.flatnonzero(np.diff(peaks[:, 0]) > near) + 1).tolist(), len(peaks)]
+    return np.array([peaks[a + int(np.argmax(peaks[a:b, 1])), 0] for a, b in pairwise(cuts)])
 
 
 def peak_places(data: FrfData, values: ComplexArray, output: int, input_: int) -> list[int]:
@@ -70,16 +76,6 @@ def _interpolate_frequency(frequency: Array, values: ComplexArray, ratio: Array,
     slope, level = np.polyfit(square, inverse, 1, w=weight)
     at = frequency[peak] * np.sqrt(max(1 - level / slope, 0.0)) if slope != 0 else frequency[peak]
     return float(at if frequency[near][0] < at < frequency[near][-1] else frequency[peak])
-
-
-def _merged(peaks: Array, spacing: float) -> Array:
-    """One frequency for each group of neighbours, that of the peak which stands out of the noise most."""
-    if not len(peaks):
-        return np.empty(0)
-    peaks = peaks[np.argsort(peaks[:, 0])]
-    gap = np.diff(peaks[:, 0]) > np.maximum(_SAME_LINES * spacing, _SAME * peaks[1:, 0])
-    cuts = [0, *(np.flatnonzero(gap) + 1).tolist(), len(peaks)]
-    return np.array([peaks[a + int(np.argmax(peaks[a:b, 1])), 0] for a, b in pairwise(cuts)])
 
 
 def shoulders(magnitude: Array, peak: int) -> tuple[int, int]:
