@@ -14,6 +14,7 @@ from tests.one_line import refused
 
 BASE = case_text_named("tests")
 TWO, HEARD, CLAMP_EDGE, OTHERS, _ = parts_named("several_tests").values()
+FREE = parts_named("free_structure")["free"]
 
 
 def built(more, base=BASE):
@@ -59,15 +60,39 @@ def test_the_order_of_tables_and_what_a_test_replaces_are_those_of_extends():
     assert parse_case(BASE + TWO) == first
 
 
-def test_what_a_test_cannot_have_of_the_rest_of_the_file_is_that_of_the_others():
-    """Natural frequencies depend on no gain; a gain that is uncertain in the file is that of the FRFs."""
-    assert built(TWO + OTHERS + HEARD).problem.names == (*PAIR.names, "gain")
-    line = refused(
-        lambda: parse_tests(BASE.replace("[joint]", "[uncertain.loss_factor]\nsd_percent = 1.0\n[joint]") + TWO),
-        jb.CaseError,
-    )
-    assert "uncertain.loss_factor: " in line
-    assert "tests" not in line.split(": ")[1]
+SCALED, INTEGRATED = (f"[noise]\nscale = '{scale}'\n" for scale in ("sampled", "integrated"))
+DENSITIES = "[tests.a.uncertain.density]\nsd_percent = 3.0\n[tests.b.uncertain.density]\nsd_percent = 2.0\n"
+
+
+@pytest.mark.parametrize(("more", "names"), [
+    (TWO + OTHERS + HEARD, "gain"),  # natural frequencies depend on none: what is uncertain in the file is the others'
+    (SCALED + TWO, "noise_scale"), (SCALED + "own = true\n" + TWO, "long.noise_scale short.noise_scale"),
+    (TWO + "[tests.short.noise]\nscale = 'sampled'\n", "short.noise_scale"),
+    (SCALED + "[tests.a.noise]\n[tests.b.noise]\nscale_high_factor = 3.0\n", "a.noise_scale b.noise_scale"),
+    (INTEGRATED + "own = true\n" + TWO, ""), (INTEGRATED + "[tests.alone]\n", ""),
+    ("[tests.long]\n[tests.short.noise]\nscale = 'integrated'\n", ""), (DENSITIES, "a.density b.density"),
+    ("[tests.calm]\n[tests.loud.joint]\nown = true\n[tests.loud.data.truth]\nk22 = 1e6\n",
+     "loud.k11 loud.k12 loud.k22"),
+    # those of the data stand behind those of the structure
+    ("[uncertain.gain]\nsd_percent = 1.0\n" + SCALED + "[tests.a]\n[tests.b.uncertain.gain]\nsd_percent = 2.0\n"
+     "[tests.b.uncertain.density]\nsd_percent = 3.0\n", "b.density gain b.gain noise_scale"),
+    (FREE + "[tests.a]\n[tests.b]\n", ""),
+])  # fmt: skip
+def test_unknowns_are_shared_or_of_one_test_in_one_order(more, names):
+    problem = built(more).problem
+    assert problem.names == (*PAIR.names, *names.split())
+    assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all() or "k22 = 1e6" in more
+
+
+@pytest.mark.parametrize(("more", "names"), [
+    (CLAMP_EDGE + TWO, "youngs_modulus density long.length length_offset damping_ratio short.length"),
+    (FREE + "[tests.clamped]\n", "youngs_modulus density length damping_ratio"),
+])  # fmt: skip
+def test_what_a_workshop_leaves_uncertain_is_that_of_every_test(more, names):
+    problem = built(more).workshop_problem
+    assert problem.names == (*PAIR.names, *names.split())
+    theta = np.concatenate([np.log(TABLE_3), np.zeros(len(problem.names) - 3)])
+    assert np.isfinite(problem.log_posterior(theta)).all()
 
 
 def test_each_test_has_noise_of_its_own_whatever_others_there_are():
@@ -84,10 +109,6 @@ def test_each_test_has_noise_of_its_own_whatever_others_there_are():
 
 
 def test_a_joint_of_its_own_has_quantities_with_the_name_of_the_test():
-    case = built("[tests.calm]\n[tests.loud.joint]\nown = true\n[tests.loud.data.truth]\nk22 = 1e6\n")
-    assert case.problem.parametrisation.stiffness_names == (
-        "k11", "k12", "k22", "loud.k11", "loud.k12", "loud.k22",
-    )  # fmt: skip
     every = built("[tests.calm]\n[tests.loud]\n", BASE.replace("[joint]", "[joint]\nown = true"))
     assert every.problem.parametrisation.stiffness_names[::3] == ("calm.k11", "loud.k11")
     assert not every.warnings
@@ -117,13 +138,6 @@ def test_a_factor_that_tests_share_on_other_values_is_told_as_a_factor():
     assert (modulus.unit, modulus.nominal) == ("GPa", 210.0)
 
 
-def test_noise_is_that_of_all_tests_or_of_each():
-    scaled = '[noise]\nscale = "sampled"\n'
-    assert built(scaled + TWO).problem.names[3:] == ("noise_scale",)
-    assert built(scaled + "own = true\n" + TWO).problem.names[3:] == ("long.noise_scale", "short.noise_scale")
-    assert built(TWO + '[tests.short.noise]\nscale = "sampled"\n').problem.names[3:] == ("short.noise_scale",)
-
-
 def test_a_case_with_tests_may_be_built_on_another(tmp_path):
     (tmp_path / "base.toml").write_text(BASE + TWO)
     text = 'extends = "base.toml"\n[tests.mid.structure]\nlength_mm = 300.0\n'
@@ -137,33 +151,12 @@ def test_a_case_with_tests_may_be_built_on_another(tmp_path):
     assert_array_equal(whole.problem.log_posterior(theta), case.problem.log_posterior(theta))
 
 
-def test_material_and_length_of_a_workshop_are_those_of_every_test():
-    problem = built(CLAMP_EDGE + TWO).workshop_problem
-    assert problem.names[3:] == (
-        "youngs_modulus", "density", "long.length", "length_offset", "damping_ratio", "short.length",
-    )  # fmt: skip
-    assert np.isfinite(problem.log_posterior(np.concatenate([np.log(TABLE_3), np.zeros(6)]))).all()
-
-
 def test_damping_of_a_workshop_is_one_factor_that_every_test_can_have():
     """Of ratios of 0.01 and 0.3 the largest bounds it: three times 0.3 is below the critical damping."""
     problem = built("[tests.long]\n[tests.damped.structure.damping]\nratio = 0.3\n").workshop_problem
     (factor,) = (one for one in problem.prior.nuisances if one.name.endswith("damping_ratio"))
     assert_allclose(np.exp(factor.range), [0.1, 3.0], rtol=1e-6)
     assert np.isfinite(problem.log_posterior(problem.prior.mean[None])).all()
-
-
-def test_a_factor_that_is_integrated_out_is_each_tests_own():
-    assert "noise_scale" not in "".join(built("[noise]\nscale = 'integrated'\nown = true\n" + TWO).problem.names)
-    built("[noise]\nscale = 'integrated'\n[tests.alone]\n")
-    built("[tests.long]\n[tests.short.noise]\nscale = 'integrated'\n")
-
-
-def test_a_test_named_like_a_joint_is_refused():
-    text = BASE.replace("[joint]", "[joints.clamp]").split("[prior]")[0] + "[data]" + BASE.split("[data]")[1]
-    text = text.replace("truth = {", "truth = {stiffness = {clamp = {").replace("1.52e6}", "1.52e6}}}")
-    with pytest.raises(jb.CaseError, match=r"tests\.clamp: found the name of a joint"):
-        jb.case_from_text("case", text + "[tests.clamp]\n")
 
 
 def test_older_files_that_call_tests_set_ups_are_read(tmp_path):
