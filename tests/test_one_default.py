@@ -9,6 +9,7 @@ from scipy import stats
 import jointbayes as jb
 from jointbayes.inference import in_workshop
 from jointbayes.workflow import answered_problem
+from tests.case.refusal_rows import case_text_named
 from tests.conftest import CONFIGS, first_in_ci
 from tests.one_line import refused
 from tests.test_workflow import QUICK
@@ -51,21 +52,7 @@ def frequencies(seed=1):
 
 
 def case_of(frequency):
-    return jb.case_from_text("beam", f"""
-[structure]
-length_mm = {1e3 * LENGTH}
-youngs_modulus_gpa = {MODULUS / 1e9}
-poissons_ratio = 0.3
-density_kg_m3 = {DENSITY}
-section = {{ shape = "rectangle", width_mm = {1e3 * SIDE}, height_mm = {1e3 * SIDE} }}
-damping = {{ law = "modal", ratio = 0.01 }}
-[joint]
-dofs = ["1:y", "1:rz"]
-[data]
-kind = "natural_frequencies"
-frequencies_hz = {frequency.tolist()}
-sd_relative = {SD}
-""")  # fmt: skip
+    return jb.case_from_text("beam", case_text_named("one_default") + f"frequencies_hz = {frequency.tolist()}\n")
 
 
 def problem_of(frequency, **more):

@@ -16,6 +16,7 @@ from jointbayes.case.json_schema import case_schema
 from jointbayes.cli import common, progress_display
 from jointbayes.cli.commands import main
 from jointbayes.cli.output import LONGEST, fail, shortened, source_lines
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cheap_text, cli, edited, plain_reports, without_stages
 
 MINIMAL = CONFIGS.parent / "src" / "jointbayes" / "cli" / "clamp.toml"
@@ -92,22 +93,7 @@ def test_every_command_that_writes_a_report_can_open_it():
 
 #: Runs commands, one a line of standard input, each in a fork that ends with a code of its own as it begins to load
 #: NumPy; prints the codes. What a command said goes to the file of its number.
-BEFORE_NUMPY = """
-import os, sys
-class Stop:
-    def find_spec(name, path=None, target=None):
-        if name == "numpy":
-            sys.stderr.flush()
-            os._exit(7)
-sys.meta_path.insert(0, Stop)
-import jointbayes.case.case_text
-from jointbayes.cli.commands import main
-for number, line in enumerate(sys.stdin.read().splitlines()):
-    if not (child := os.fork()):
-        os.dup2(os.open(str(number), os.O_CREAT | os.O_WRONLY), 2)
-        main(line.split())
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-"""
+BEFORE_NUMPY, _ = parts_named("scripts").values()
 
 
 @pytest.mark.whole

@@ -7,20 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.case.refusal_rows import parts_named
+
 pytestmark = pytest.mark.whole  # what another process finds is the claim
 
-SCRIPT = (
-    "import importlib.util, sys, types\n"
-    "(home,) = importlib.util.find_spec('jointbayes').submodule_search_locations\n"
-    "for name in ('frf', 'frf.kernels'):\n"  # without what the packages about the loops load
-    "    package = sys.modules[f'jointbayes.{name}'] = types.ModuleType(name)\n"
-    "    package.__path__ = [f'{home}/{name.replace(chr(46), chr(47))}']\n"
-    "if '--nowhere' in sys.argv:\n"
-    "    from numba.core import caching\n"
-    "    caching.CacheImpl._locator_classes = [caching.UserProvidedCacheLocator]\n"
-    "from tests.frf.loop import doubled\n"
-    "print(doubled(21))\n"
-)
+_, SCRIPT = parts_named("scripts").values()
 
 
 def run(*options, **variables):

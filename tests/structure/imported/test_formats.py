@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies
+from tests.case.refusal_rows import case_text_named
+from tests.conftest import edited
 from tests.structure.imported import small_frame as small
 from tests.structure.imported.nastran_files import write_punch
 from tests.structure.imported.small_frame import DOFS, NODES, PLACES, C, K, M
@@ -144,22 +146,10 @@ def test_every_file_gives_the_same_model(tmp_path, writer, unit):
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_case_runs_on_every_file_of_a_free_model_whose_places_it_does_not_know(tmp_path, writer):
     path, more = WRITERS[writer](tmp_path, small.FREE, M)
-    files = "".join(f'{key}_file = "{file.name}"\n' for key, file in more.items())
+    more_files = "".join(f'{key}_file = "{file.name}"\n' for key, file in more.items())
     exact = np.sqrt(np.abs(linalg.eigh(small.FREE, M, eigvals_only=True))) / 2 / np.pi
-    (tmp_path / "case.toml").write_text(f"""
-[structure]
-kind = "imported"
-file = "{path.name}"
-length_unit = "m"
-{files}damping = {{ law = "modal", ratio = 0.01 }}
-[joint]
-kind = "springs"
-dofs = ["3:x", "3:y", "3:z", "3:rx", "3:ry", "3:rz"]
-[data]
-kind = "natural_frequencies"
-frequencies_hz = {small.EXACT[:6].tolist()}
-sd_relative = 0.005
-""")
+    text = edited(case_text_named("small_frame"), ("FILE", path.name), ("MORE", more_files))
+    (tmp_path / "case.toml").write_text(f"{text}frequencies_hz = {small.EXACT[:6].tolist()}\n")
     problem = jb.load_case(tmp_path / "case.toml").problem
     found = problem.test.structure.nominal.modes().frequency_hz
     assert (found[:6] == 0).all()
