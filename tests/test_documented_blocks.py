@@ -20,6 +20,7 @@ from jointbayes.case.case_text import read_case_text, without_key
 from jointbayes.case.parse import parse_tests
 from jointbayes.case.toml_text import toml_text
 from jointbayes.cli.commands import main
+from tests.case.refusal_rows import parts_named
 from tests.pages import ROOT
 
 pytestmark = pytest.mark.docs
@@ -44,39 +45,8 @@ def part_of(name):
     return next(block.values[0] for block in blocks("toml") if block.id == name)
 
 
-FRF, MODES = part_of("measured-1"), part_of("modes-1")
-SPRINGS = 'joint = { dofs = ["1:y", "1:rz"], kind = "springs" }\ndata.truth.stiffness = { ky = 1e8, krz = 1e5 }\n'
-STEEL = 'kind = "frame", youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, damping = { law = "modal", ratio = 0.01 }'
-MODE = 'data = { kind = "natural_frequencies", frequencies_hz = [90.0], sd_relative = 0.01 }\n'
-FRAME = (
-    f"structure = {{ {STEEL} }}\n"
-    'joint = { kind = "springs", dofs = ["holder.mouth:y"], against = ["tool.shank:y"] }\n' + MODE
-)
-BRACKET = (
-    f'structure = {{ {STEEL}, directions = ["x", "y", "rz"], section = {{ shape = "circle", diameter_mm = 20.0 }}, '
-    f"points = {{ tip = [0, 0, 0], end = [400, 0, 0] }} }}\n{MODE}"
-)
-#: What stands around a block that is a part of a case; of others the case that `init` writes.
-AROUND = {
-    "lapped-beams-1": 'extends = "lapped_beams.toml"\n',
-    "spindle-tool-1": 'extends = "spindle_tool.toml"\n',
-    "spindle-tool-2": 'extends = "spindle_tool.toml"\n',
-    "frames-1": 'extends = "portal_frame.toml"\n',
-    "case-file-2": 'joint = { dofs = ["foot:x"], kind = "springs" }\n' + MODE,
-    "case-file-3": FRAME,
-    "case-file-5": BRACKET,
-    "imported-2": part_of("imported-1"),
-    "joint-damping-1": SPRINGS.replace("krz = 1e5", "krz = 1e5, crz = 10.0, eta = 0.01"),
-    "measured-2": FRF,
-    "measured-3": FRF,
-    "measured-4": FRF,
-    "modes-2": MODES,
-    "predict-2": '[predict]\noutputs = ["11:y"]\ninputs = ["11:y"]\nf_min_hz = 10\nf_max_hz = 900\nf_step_hz = 1\n',
-    "what-can-be-wrong-1": MODES,
-    "what-now-1": FRF,
-    "what-now-3": FRF,
-    "what-now-5": SPRINGS,
-}
+#: What stands around a block that is a part of a case, "@" another block; of others the case that `init` writes.
+AROUND = parts_named("documented_blocks")
 
 
 def written(folder, name, base, text):
@@ -96,7 +66,8 @@ def written(folder, name, base, text):
 def test_every_block_of_toml_is_a_case_or_a_part_of_one(text, tmp_path, request):
     for shipped in [*(ROOT / "configs").glob("*.toml"), ROOT / "src" / "jointbayes" / "cli" / "clamp.toml"]:
         (tmp_path / shipped.name).write_bytes(shipped.read_bytes())
-    written(tmp_path, "around.toml", "clamp.toml", AROUND.get(request.node.callspec.id, ""))
+    around = AROUND.get(request.node.callspec.id, "")
+    written(tmp_path, "around.toml", "clamp.toml", part_of(around[1:].strip()) if around.startswith("@") else around)
     written(tmp_path, "block.toml", "around.toml", text)
     source = read_case_text(tmp_path / "block.toml")
     assert parse_tests(source)

@@ -259,12 +259,6 @@ def test_a_beam_of_one_element_that_hardly_shears_is_sound_or_an_error():
     assert_sound(made(beam, 514.0, 1, 0.001, 0.0, (), "converged", 513.0))
 
 
-@EASY
-@given(text=st.text(max_size=200) | st.binary(max_size=200).map(lambda raw: raw.decode("latin-1")))
-def test_any_text_is_a_case_or_an_error(text):
-    assert all(line.isprintable() for line in message_of(jb.case_from_text, "case", text).split("\n"))
-
-
 READERS = [jb.load_case, jb.load_posterior, jb.read_frf, jb.inspect_file, lambda path: list(iter_records(path))]
 
 

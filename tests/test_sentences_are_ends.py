@@ -1,7 +1,7 @@
 """No code reads, cuts or compares a sentence: texts for people are the last thing that is made.
 
 The source is walked for calls that take a text apart, and for searches of words in one. Rooms that parse input are
-left out whole. What else takes texts apart stands in `ALLOWED`, by file and function, with what the texts are.
+left out whole. What else takes texts apart stands in ``texts_taken_apart.txt``.
 """
 
 import ast
@@ -19,50 +19,9 @@ CUTS |= {"removeprefix", "removesuffix"}
 PARSERS = ("vibrecords/", "jointbayes/case/", "jointbayes/structure/imported/")
 #: A text that is more than the separator of a label, key or path: a blank between words, or a word.
 PROSE = re.compile(r"\s|[A-Za-z]{3}")
-ALLOWED = {
-    # names of the package, of classes, modules, files and quantities
-    "jointbayes/__init__.py": ("names of the package", {""}),
-    "jointbayes/cli/files.py": ("text of a case; names of classes", {"_kind_in_words"}),
-    "jointbayes/cli/targets.py": ("heads of files", {"_is_ours"}),
-    "jointbayes/joint/quantities.py": ("names of hypotheses", {"split_hypothesis"}),
-    "jointbayes/inference/problem.py": ("names of arguments", {"__init__"}),
-    "jointbayes/phrases.py": ("names of quantities", {"listed"}),
-    "jointbayes/structure/frame.py": ("names of points", {""}),
-    "jointbayes/structure/frame_recipe.py": ("names of bodies and points", {"", "mesh"}),
-    "jointbayes/structure/given_matrices.py": ("names of kinds of connection", {"_connection_matrix"}),
-    "jointbayes/structure/recipe.py": ("names of quantities", {"is_damping_ratio"}),
-    "jointbayes/posterior/model_errors.py": ("names of quantities", {"_in_words"}),
-    "jointbayes/studies/same.py": ("names of quantities", {"_together", "_premises"}),
-    "jointbayes/posterior/storage.py": ("names of arrays and classes", {"arviz_tree", "_own", "_public_class"}),
-    "jointbayes/studies/compare.py": ("names of keys with their units; labels", {"what_differs", "_won"}),
-    # input: faults that pydantic, Dask or Python word; the source line that a fault names
-    "jointbayes/cli/commands.py": ("words of Python's errors; docstrings of commands", {"_invoke", "format_commands"}),
-    "jointbayes/cli/output.py": ("place of a fault; endless names", {"", "source_lines", "fail"}),
-    "jointbayes/posterior/stored_file.py": ("words of Python's errors", {"one_line_of"}),
-    "jointbayes/report/kept_draws.py": ("words of Python's errors", {"_one_line"}),
-    "jointbayes/stored_values.py": ("words of pydantic's errors", {"stored_value"}),
-    "jointbayes/studies/workers.py": ("words of Python's errors", {"attempt", "_cluster"}),
-    # markup: what typesets a text as a whole, whatever it says
-    "jointbayes/posterior/sampled.py": ("groups of digits", {"state"}),
-    "jointbayes/progress.py": ("colon of a progress bar", {"report"}),
-    "jointbayes/report/canvas.py": ("formulas of axes", {"", "text"}),
-    "jointbayes/report/drawing.py": ("line break in a title", {"draw_wireframes"}),
-    "jointbayes/report/guides.py": ("identifiers of figures", {"guide_of"}),
-    "jointbayes/report/html.py": ("markup", {""}),
-    "jointbayes/report/markup.py": ("markup; names of quantities", None),
-    "jointbayes/report/methods.py": ("keys of references; terms that a page has", {"references", "terms_section"}),
-    "jointbayes/report/model.py": ("identifiers; cells of numbers", {""}),
-    "jointbayes/report/page_budget.py": ("markup", {""}),
-    "jointbayes/report/pdf.py": ("lines of a cell; words that are too long for a line", {"", "_cell"}),
-}
-#: What still takes a text for people apart. A line goes where it is mended; none is added.
-OWED = {
-    "jointbayes/identification/numbering.py": {"_nearest_first"},  # value names of modes: "frequency 3 of tip"
-    "jointbayes/inference/common_errors.py": {"_springs", "_components"},
-    "jointbayes/inference/noise/model_error.py": {"of", "_known"},
-    "jointbayes/report/sections/lead.py": {"_premises"},  # what is assumed, in words
-    "jointbayes/studies/campaign.py": {"", "_parsed", "read_cases", "_rows", "campaign_page"},
-}
+#: File, what its texts are, and the functions that take them apart, "-" outside of any; those that are owed last.
+TABLE = (ROOT / "tests" / "texts_taken_apart.txt").read_text(encoding="utf-8")
+ROWS = [line.split(" ;; ") for line in TABLE.splitlines() if not line.startswith("#")]
 
 
 def texts(node: ast.AST) -> list[str]:
@@ -102,15 +61,11 @@ def test_no_sentence_is_read():
         name = path.relative_to(SOURCE).as_posix()
         if name.startswith(PARSERS):
             continue
-        functions = set(found_in(ast.parse(path.read_text(encoding="utf-8"))))
-        allowed = ALLOWED.get(name, ("", set()))[1]
+        functions = {function or "-" for function in found_in(ast.parse(path.read_text(encoding="utf-8")))}
+        listed = [function for file, _, functions in ROWS if file == name for function in functions.split()]
         used |= {name} if functions else set()
-        if allowed is not None and (odd := functions - allowed - OWED.get(name, set())):
-            found[name] = odd
-        if gone := (allowed or set()) - functions:
-            found[f"{name}, allowed for nothing"] = gone
-        if gone := OWED.get(name, set()) - functions:
-            found[f"{name}, mended: take it off the list"] = gone
+        if functions ^ set(listed) and listed != ["*"]:
+            found[name] = functions - set(listed), "or taken off the list", set(listed) - functions
     assert found == {}
     assert len(used) > 20
 

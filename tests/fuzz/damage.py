@@ -9,38 +9,17 @@ import re
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import scipy.io
 
-#: Numbers at which arithmetic, limits and parsers break.
-EXTREMES = [
-    "0", "-0.0", "1", "-1", "2", "1e308", "-1e308", "1.7976931348623157e308", "1e400", "-1e400", "1e-308", "5e-324",
-    "1e-400", "1e110", "1e-110", "1e30", "1e-30", "1e16", "nan", "inf", "-inf", "+nan", "2147483647", "2147483648",
-    "4294967294", "4294967296", "9223372036854775807", "9223372036854775808", "18446744073709551616",
-    "-9223372036854775809", "123456789012345678901234567890", "0.1", "1e3", "1e6", "1e9", "1e-3", "1e-9", "0.5",
-    "0.999999", "1.0000000000000002", "0x7fffffff", "0o17", "0b11", "1_000", "-3", "200..0", "1e", "1e+", ".5", "5.",
-    "1,5", "--1", "++1", "1e5000", "00", "01", "1e-5000", "9" * 5000,
-]  # fmt: skip
-#: Words of any format, and what none of them expects: units, headers, values of TOML, markup, marks that do not print.
-WORDS = [
-    *("g/N", "(mm/s^2)/lbf", "1/kg", "m/N", "m/s/N", "N", "N*s", "((((m))))", "m^9", "s^-1", "rad/s", "kHz", "rpm"),
-    *("furlong", "dB", "1/1/1/1", "deg", "ms", "V", "g0", "//", "NONE", "frequency [Hz]", "omega", "time [s]"),
-    *("real 1:Z+ / 2:Z- [g/N]", "imaginary", "magnitude [dB re 1 m/N]", "phase [deg]", "coherence", "12:Z+", "hit 2"),
-    *("Point:12:RX-", "averages 10", "sample_rate_hz=200.0", "response=", "X_Value", "Comma", "Multi", "$\\frac{"),
-    *("true", '""', "[]", "{}", "[[[]]]", "{ a = 1 }", "[1, 'a']", "1979-05-27T07:32:00Z", '"""\n"""', '"0:y"'),
-    *('"99:q"', '["1:y", "1:rz"]', '["1:y", "1:y"]', '"measured"', '"log"', '"springs"', '"log_uniform"'),
-    *('"paper"', '"accelerance"', '"../x.uff"', '"/etc/passwd"', '"/dev/zero"', '"data/virtual_test.csv"'),
-    *("null", "k11", "<script>alert(1)</script>", "{{7*7}}", "norm", "Problem", "array_0", "frf", "units", "manifest"),
-    *("", " ", '"', "'", "#", "%", "=", "\x00", "\x1b[31m", "\u202e", "\ufeff", "ü\n", "a" * 400, "[" * 60, "9" * 500),
-]  # fmt: skip
-_STRANGE = [
-    *(b"\0", b"\r", b"\n", b"\r\n", b"\t", b"\v", b"\x1b[31m", b"\x7f", b"\xff", b"\xfe\xff", b"\xc3", b"\xc0\x80"),
-    *(b'"', b"\\", b"[", b"]", b"{", b"#", b"=", b",", b".", b";", b":", b" ", b"-", b"%s", b"\\u0000", b"A" * 300),
-    *(word.encode() for word in ("\ufeff", "\u202e", "\u2028", "\x85", "\U0001f600")),
-]
+_LINES = Path(__file__).with_name("words.txt").read_text(encoding="utf-8").split("== ")[1:]
+#: Numbers at which arithmetic, limits and parsers break; words of any format, and what none of them expects: units,
+#: headers, values of TOML, markup, marks that do not print; and bytes.
+EXTREMES, WORDS, _STRANGE = ([eval(line) for line in part.splitlines()[1:]] for part in _LINES)
 _TOKEN = re.compile(rb'"[^"\n]*"|[-+]?\d[\w.+-]*|[A-Za-z_][\w.]*|[^\s\w]')
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?\d[\d_]*(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _SEPARATORS = [(b",", b";"), (b".", b","), (b"\t", b" "), (b",", b"\t"), (b"\t", b","), (b"e", b"D"),
