@@ -55,24 +55,6 @@ class FrfSet(OverFrequency):
         convert_fields(self, read_only, "frequency_hz", "coherence")
         convert_fields(self, tuple, "outputs", "inputs")
         require_lines(self.frequency_hz, "FRF set")
-        self._check_values()
-
-    def __repr__(self) -> str:
-        return f"FrfSet({self.in_full})"
-
-    @property
-    def in_full(self) -> str:
-        """Quantity, DOFs and lines in words."""
-        f = self.frequency_hz
-        dofs = f"outputs {list_labels(self.outputs)}, inputs {list_labels(self.inputs)}"
-        return f"{self.quantity}, {dofs}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz"
-
-    def _repr_html_(self) -> str:
-        rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]
-        drawing = frf_svg(self.frequency_hz, {f"{self.outputs[0]}/{self.inputs[0]}": self.values[:, 0, 0]})
-        return table_html(f"{self.quantity.capitalize()}, {self.n_lines} lines", ("", "DOFs"), rows, drawing)
-
-    def _check_values(self) -> None:
         shape = (self.frequency_hz.size, len(self.outputs), len(self.inputs))
         if self.values.shape != shape:
             raise refusal("FRF set", f"values of shape {self.values.shape}", f"{shape} (lines, outputs, inputs)")
@@ -90,6 +72,21 @@ class FrfSet(OverFrequency):
             raise MeasurementError(f"FRF set: expected coherence in [0, 1] of shape {shape}; correct it, or drop it")
         if self.averages is not None and not (isinstance(self.averages, Integral) and self.averages >= 1):
             raise refusal("FRF set", f"{self.averages} averages", "1 or more")
+
+    def __repr__(self) -> str:
+        return f"FrfSet({self.in_full})"
+
+    @property
+    def in_full(self) -> str:
+        """Quantity, DOFs and lines in words."""
+        f = self.frequency_hz
+        dofs = f"outputs {list_labels(self.outputs)}, inputs {list_labels(self.inputs)}"
+        return f"{self.quantity}, {dofs}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz"
+
+    def _repr_html_(self) -> str:
+        rows = [(label, ", ".join(labels)) for label, labels in (("Outputs", self.outputs), ("Inputs", self.inputs))]
+        drawing = frf_svg(self.frequency_hz, {f"{self.outputs[0]}/{self.inputs[0]}": self.values[:, 0, 0]})
+        return table_html(f"{self.quantity.capitalize()}, {self.n_lines} lines", ("", "DOFs"), rows, drawing)
 
     @property
     def n_lines(self) -> int:

@@ -116,12 +116,16 @@ class PoleReview:
         """Take out poles that are second poles of a mode; which are of nonlinear resonances, and stay in the fit."""
         while True:
             nonlinear, named = np.zeros(self.poles.size, dtype=bool), []
-            for weak, strong in self._pairs():
+            order = np.argsort(self.problem.losses(self.poles).sum(axis=0)).tolist()  # the weakest first
+            near = [self._one_resonance(i) | self._untold(i) for i in range(self.poles.size)]
+            for weak, strong in [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]:
                 if nonlinear[weak] and nonlinear[strong]:
                     continue
                 fewer, rise = self.problem.without(self.poles, weak)
                 gain = rise / self.problem.inflation(self.poles)[strong]
-                dips, differ = self._coherence_dips(strong), self._shapes_differ(weak, strong)
+                a, b = self.problem.residues(self.poles)[:, [weak, strong]].T
+                assurance = np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real)
+                dips, differ = self._coherence_dips(strong), a.size > 1 and assurance < _OTHER_SHAPE
                 untold = self._untold(strong)[weak]
                 if gain > _INSISTED * self.problem.price and (differ or not (dips or untold)):
                     continue
@@ -136,16 +140,15 @@ class PoleReview:
                     self.poles = self.problem.climb(fewer, fine=True)
                     break
                 nonlinear |= cluster
-                named.append(self._nonlinear(strong, cluster))
+                f, w = self.frequency_hz[cluster], self.width_hz[cluster]
+                dip = "fits badly all the same" if self.incoherence is None else "has a coherence dip"
+                span = f"between {(f - w / 2).min():.6g} and {(f + w / 2).max():.6g} Hz"
+                poles = f"{span}, which takes {f.size} poles and {dip}"
+                reason = f"nonlinear? One resonance {poles}; measure it at a lower level"
+                named.append(DoubtfulMode(float(self.frequency_hz[strong]), reason))
             else:
                 self.doubtful += named
                 return nonlinear
-
-    def _pairs(self) -> list[tuple[int, int]]:
-        """Numbers of the weaker and the stronger of two poles in one half-power width, the weakest first."""
-        order = np.argsort(self.problem.losses(self.poles).sum(axis=0)).tolist()
-        near = [self._one_resonance(i) | self._untold(i) for i in range(self.poles.size)]
-        return [(weak, s) for i, weak in enumerate(order) for s in order[:i:-1] if near[weak][s]]
 
     def _one_resonance(self, pole: int) -> Flags:
         """Which poles are within a half-power width of this one (the geometric mean of both), or within a line."""
@@ -169,19 +172,6 @@ class PoleReview:
         if not at.size or not sides.size:
             return False
         return bool((at.mean(axis=0) > _DIP * np.median(sides, axis=0)).any())
-
-    def _shapes_differ(self, first: int, second: int) -> bool:
-        a, b = self.problem.residues(self.poles)[:, [first, second]].T
-        assurance = np.abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * np.vdot(b, b).real)
-        return bool(a.size > 1 and assurance < _OTHER_SHAPE)
-
-    def _nonlinear(self, strong: int, cluster: Flags) -> DoubtfulMode:
-        """A resonance that takes several poles, with the range of their half-power widths."""
-        f, w = self.frequency_hz[cluster], self.width_hz[cluster]
-        dip = "fits badly all the same" if self.incoherence is None else "has a coherence dip"
-        poles = f"between {(f - w / 2).min():.6g} and {(f + w / 2).max():.6g} Hz, which takes {f.size} poles and {dip}"
-        reason = f"nonlinear? One resonance {poles}; measure it at a lower level"
-        return DoubtfulMode(float(self.frequency_hz[strong]), reason)
 
     def _name_sidebands(self, reasons: list[str]) -> None:
         """Give a reason to modes that hardly stand beside another: no test shows two so unlike that are both true."""

@@ -94,7 +94,7 @@ def test_cuts_and_flipped_bits_never_get_further_than_one_line(tmp_path, form):
     assert refused >= count // 3
 
 
-def sweep(path):
+def sweep(path, _layout):
     """A reader as somebody adds one, without a guard of its own."""
     first, *lines = path.read_text(encoding="utf-8").splitlines()
     _, response, reference = first.split()

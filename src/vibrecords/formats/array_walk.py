@@ -7,7 +7,6 @@ import difflib
 import re
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
@@ -31,7 +30,7 @@ from vibrecords.formats.named_arrays import (
     strings,
     time_records,
 )
-from vibrecords.formats.table_text import float_of
+from vibrecords.formats.names import float_of
 from vibrecords.formats.units import TIME_S, frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
 from vibrecords.records import (
     HIGHEST_HZ,
@@ -415,7 +414,12 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
                 stated = {f"{n}_unit": np.array(key.removeprefix("phase_")) for n in open_}
                 blocks[i] = replace(block, arrays={**block.arrays, **stated})
     used = _name_arrays(blocks, layout) if layout else list(_expand_structs(blocks))
-    records = [*_records(used)]
+    # one by one, without warnings of NumPy: a file may hold any number
+    parts, records = (frequency_records, time_records, mode_records), list[Record]()
+    with np.errstate(all="ignore"):
+        for block in used:
+            for record in (record for part in parts for record in part(block)):
+                records.append(replace(record, notes=(*record.notes, *block.notes)) if block.notes else record)
     apart: dict[tuple[str, str], list[CoherenceRecord]] = {}
     for record in records:
         if isinstance(record, CoherenceRecord):
@@ -431,15 +435,6 @@ def records_of_tree(tree: Mapping[str, Any], layout: Mapping[str, str], sign: st
         yield from of_pair
     if not records and any(block.arrays for block in blocks):
         raise _not_understood(blocks)
-
-
-def _records(blocks: Iterable[Block]) -> Iterator[Record]:
-    """Records of blocks one by one, without warnings of NumPy: a file may hold any number."""
-    parts = (frequency_records, time_records, mode_records)
-    records = ((block, record) for block in blocks for part in parts for record in part(block))
-    quietly = np.errstate(all="ignore")(partial(next, records, None))
-    for block, record in iter(quietly, None):
-        yield replace(record, notes=(*record.notes, *block.notes)) if block.notes else record
 
 
 def _blocks(tree: Mapping[str, Any], place: str, outer: Block | None, sign: str, label: str = "") -> Iterator[Block]:
@@ -493,7 +488,13 @@ def _expand_structs(blocks: list[Block]) -> Iterator[Block]:
             arrays = {ours: block.arrays[theirs] for ours, theirs in _SEP_5.items() if theirs in block.arrays}
             yield Block(arrays, written={"samples": f"{block.place}data"})
         elif isinstance(block.get("usd"), dict) and size_of(block.get("x")) > 1 and size_of(block.get("y")) > 1:
-            yield from _polytec(block)
+            x, values = block.numbers("x").ravel(), block.numbers("y", np.complex128)
+            values, usd = values.reshape(1, -1) if values.size == x.size else values, _struct(block, "usd")
+            if values.ndim != 2 or x.size != values.shape[1]:
+                raise refusal(block.where("y"), f"shape {values.shape}", f"rows of {x.size} values")
+            kind = " ".join(usd.string(key) for key in ("functiontype", "name"))
+            labels = ((f"point {i + 1}", "input 1") for i in range(len(values)))
+            yield from _columns(block, "y", (x, values.T), (usd.string("xunit"), usd.string("yunit")), kind, labels)
         else:
             outer = None
             yield from _dewesoft(block)
@@ -604,16 +605,6 @@ def _labels(about: Block, key: str) -> list[str]:
         named = (inner.get(name) for name in ("label", "name", "point_id", "id"))
         labels += next((strings(text, about.where(key)) for text in named if is_text(text) and np.size(text)), [])
     return labels
-
-
-def _polytec(block: Block) -> Iterator[Block]:
-    x, values, usd = block.numbers("x").ravel(), block.numbers("y", np.complex128), _struct(block, "usd")
-    values = values.reshape(1, -1) if values.size == x.size else values
-    if values.ndim != 2 or x.size != values.shape[1]:
-        raise refusal(block.where("y"), f"shape {values.shape}", f"rows of {x.size} values")
-    kind = " ".join(usd.string(key) for key in ("functiontype", "name"))
-    labels = ((f"point {i + 1}", "input 1") for i in range(len(values)))
-    yield from _columns(block, "y", (x, values.T), (usd.string("xunit"), usd.string("yunit")), kind, labels)
 
 
 def _columns(

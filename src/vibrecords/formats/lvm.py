@@ -10,16 +10,8 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.errors import refusal, require_at_most
-from vibrecords.formats.table_text import (
-    Column,
-    ColumnTable,
-    Lines,
-    bad_number,
-    column_of,
-    float_of,
-    read_rows,
-    text_lines,
-)
+from vibrecords.formats.names import float_of
+from vibrecords.formats.table_text import Column, ColumnTable, Lines, bad_number, column_of, read_rows, text_lines
 from vibrecords.records import MOST_COLUMNS, require_short
 
 _END = "***End_of_Header***"
@@ -154,36 +146,12 @@ def _split_rows(lines: Lines, layout: _Layout, count: int) -> Iterator[tuple[int
         yield number, fields
 
 
+@np.errstate(all="ignore")
 def _table(
     segment: _Segment, names: list[str], values: Array, layout: _Layout, place: str, hit: int | None
 ) -> ColumnTable:
-    count = len(names)
-    units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
-    notes = _clock(segment, names, values, layout)
-    columns: list[Column] = []
-    empty = np.asarray(np.isnan(values).all(axis=0))
-    for i, name in enumerate(names):  # the header has a cell for each column behind the first
-        if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
-            raise refusal(f"line {segment.line}", f"an empty X_Value of {names[i + 1]!r}", "numbers")
-        if name.lower() != "x_value":
-            columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
-        elif dimensions[i].lower() == "frequency":
-            columns.append(Column("frequency", "", axis_units[i] or "Hz", header=name))
-        else:
-            columns.append(Column("time", "", "s", header=name))
-    comments = {}
-    for note in segment.each("notes", 1)[0].split(";"):
-        key, _, value = note.partition(":")
-        comments[key.strip().lower()] = value.strip()
-    step = float_of(next(filter(None, segment.each("delta_x", count)), "").replace(",", "."))
-    if step:
-        comments.setdefault("sample_rate_hz", repr(1 / step))
-    return ColumnTable(columns, values, comments, notes, place, hit)
-
-
-@np.errstate(all="ignore")
-def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) -> tuple[str, ...]:
-    """Notes on counts and steps; an axis that the file does not write out is made from its header."""
+    """Columns of a segment, with notes on counts and steps; an axis that is not written out is made from the header."""
+    # 1. counts of samples
     notes = []
     samples, counts = _samples(segment), segment.each("samples", len(names) - 1)
     if layout["x_columns"] != "multi" and counts[:1] == [str(samples)]:  # X_Value is that of the first channel
@@ -193,8 +161,9 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
     filled = np.asarray(~np.isnan(values).all(axis=0))
     if samples > 1 and samples != len(values):
         notes.append(f"{len(values)} rows, where the header says {samples} samples")
-    told = zip(names[1:], filled[1:], *(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True)
-    clocks = [(name, x0, step) for name, some, x0, step in told if some and step and name.lower() != "x_value"]
+    # 2. the clock
+    told_of = zip(names[1:], filled[1:], *(segment.each(k, len(names) - 1) for k in ("x0", "delta_x")), strict=True)
+    clocks = [(name, x0, step) for name, some, x0, step in told_of if some and step and name.lower() != "x_value"]
     if layout["x_columns"] != "multi":
         for before, other in itertools.pairwise(clocks):
             if before[1:] != other[1:]:
@@ -215,4 +184,24 @@ def _clock(segment: _Segment, names: list[str], values: Array, layout: _Layout) 
         own = (values[-1, 0] - values[0, 0]) / (len(values) - 1)
         if abs(own / step - 1) > 0.01:
             notes.append(f"X_Value goes in steps of {own:g}, where Delta_X says {step:g}: X_Value taken")
-    return tuple(notes)
+    # 3. columns and comments
+    count = len(names)
+    units, dimensions, axis_units = (segment.each(k, count) for k in ("y_unit_label", "x_dimension", "x_unit_label"))
+    columns: list[Column] = []
+    empty = np.asarray(np.isnan(values).all(axis=0))
+    for i, name in enumerate(names):  # the header has a cell for each column behind the first
+        if name.lower() == "x_value" and empty[i] and not empty[i + 1 : i + 2].all():
+            raise refusal(f"line {segment.line}", f"an empty X_Value of {names[i + 1]!r}", "numbers")
+        if name.lower() != "x_value":
+            columns.append(column_of(f"{name} [{units[i - 1]}]" if units[i - 1] else name))
+        elif dimensions[i].lower() == "frequency":
+            columns.append(Column("frequency", "", axis_units[i] or "Hz", header=name))
+        else:
+            columns.append(Column("time", "", "s", header=name))
+    comments = {}
+    for note in segment.each("notes", 1)[0].split(";"):
+        key, _, value = note.partition(":")
+        comments[key.strip().lower()] = value.strip()
+    if told := float_of(next(filter(None, segment.each("delta_x", count)), "").replace(",", ".")):
+        comments.setdefault("sample_rate_hz", repr(1 / told))
+    return ColumnTable(columns, values, comments, tuple(notes), place, hit)

@@ -161,14 +161,23 @@ class _Reader:
         if min(shape) < 0:
             raise ValueError(f"shape {shape}")
         if kind == _STRUCT:
-            return name, self._structs(elements, shape, depth, where)
+            (_, length), (_, names), *values = elements
+            width = struct.unpack(f"{self.order}i", length)[0]
+            if not names:  # an array of structs without fields holds nothing, however many there are
+                return name, {}
+            fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
+            read = [self.variable(value, depth + 1, where)[1] for _, value in values]
+            count = len(read) // max(len(fields), 1)
+            blocks = [dict(zip(fields, read[i * len(fields) :], strict=False)) for i in range(count)]
+            return name, blocks[0] if math.prod(shape) == count == 1 else _reorder_by_rows(blocks, shape)
         if kind == _CELL:
             cells = [self.variable(cell, depth + 1, where)[1] for _, cell in elements]
             return name, list_or_texts(_reorder_by_rows(cells, shape))
         if kind == _CHARACTERS:
             return name, _char_rows(*elements[0], shape, self.order) if elements else np.array([], dtype=str)
         count = 4 if kind == _SPARSE else 2  # indices of a sparse matrix, real part, imaginary part or none
-        parts = [self._numbers(*element) for element in elements[:count]]
+        raw = [np.frombuffer(data, f"{self.order}{_TYPES[code]}") for code, data in elements[:count]]
+        parts = [numbers.astype(numbers.dtype.newbyteorder("=")) for numbers in raw]
         *indices, real, imaginary = parts if len(parts) == count else [*parts, np.zeros(0)]
         numbers = complex_of(real, imaginary) if word & _COMPLEX else real
         if kind == _SPARSE:
@@ -176,21 +185,6 @@ class _Reader:
             self.left -= getattr(matrix, "nbytes", 0)
             return name, matrix
         return name, numbers.reshape(shape, order="F")
-
-    def _numbers(self, code: int, data: bytes) -> NDArray[Any]:
-        numbers = np.frombuffer(data, f"{self.order}{_TYPES[code]}")
-        return numbers.astype(numbers.dtype.newbyteorder("="))
-
-    def _structs(self, elements: list[tuple[int, bytes]], shape: tuple[int, ...], depth: int, where: str) -> Any:  # noqa: ANN401
-        (_, length), (_, names), *values = elements
-        width = struct.unpack(f"{self.order}i", length)[0]
-        if not names:  # an array of structs without fields holds nothing, however many there are
-            return {}
-        fields = [names[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(names), width)]
-        read = [self.variable(value, depth + 1, where)[1] for _, value in values]
-        count = len(read) // max(len(fields), 1)
-        blocks = [dict(zip(fields, read[i * len(fields) :], strict=False)) for i in range(count)]
-        return blocks[0] if math.prod(shape) == count == 1 else _reorder_by_rows(blocks, shape)
 
 
 def _elements(content: bytes, order: str) -> list[tuple[int, bytes]]:

@@ -13,10 +13,10 @@ from vibrecords.arrays import Quantity
 from vibrecords.errors import MeasurementError, path_fault, placed, refusal
 from vibrecords.formats.array_files import read_arrays, zip_entries
 from vibrecords.formats.array_walk import records_of_tree
-from vibrecords.formats.attributes import apply_attributes
 from vibrecords.formats.grid import cut_to_band, join_frfs
 from vibrecords.formats.lvm import read_lvm
 from vibrecords.formats.matlab_5 import matlab_4_header
+from vibrecords.formats.named_arrays import apply_attributes
 from vibrecords.formats.names import NAMES
 from vibrecords.formats.table import records_of_tables
 from vibrecords.formats.table_text import read_text_table, text_lines
@@ -38,25 +38,8 @@ def detect_format(path: str | Path) -> str:
     MeasurementError
         If the file cannot be opened, is empty, is larger than any measurement or is none of these.
     """
-    path = Path(path)
-    head = _head(path)
-    if not head.strip():
-        raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
-    wide = head[:2] in (b"\xff\xfe", b"\xfe\xff")
-    if wide:
-        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if text.startswith(b"version https://git-lfs"):
-        raise refusal(path, "a pointer of Git LFS", "the measurement", "run `git lfs pull`")
-    if wide and text.split(b"\n", 1)[0].strip() == b"-1":
-        raise refusal(path, "text in UTF-16", "a universal file in ASCII", "save it so")
-    by_beginning = (kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning))
-    return next(by_beginning, None) or _binary_format(path, head) or _text_format(path, head, text)
-
-
-def _head(path: Path) -> bytes:
-    """Beginning of a file, once it is known to be one: a pipe would be waited for."""
-    expected = "expected a measurement file; correct the path"
+    # 1. the beginning of a regular file; a pipe would be waited for
+    path, expected = Path(path), "expected a measurement file; correct the path"
     try:
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
@@ -65,15 +48,27 @@ def _head(path: Path) -> bytes:
             found = f"{about.st_size / 2**30:.3g} GiB"
             raise refusal(str(path), found, f"at most {MOST_BYTES >> 30}", "split the file")
         with path.open("rb") as file:
-            return file.read(4096)
+            head = file.read(4096)
     except FileNotFoundError:
         raise MeasurementError(f"{path}: found no such file; {expected}") from None
     except (OSError, ValueError) as error:  # of other kinds, and a NUL in the path
         reason = path_fault(error)
         raise MeasurementError(f"{str(path)[:300]}: found that it cannot be read ({reason}); {expected}") from None
-
-
-def _binary_format(path: Path, head: bytes) -> str | None:
+    if not head.strip():
+        raise MeasurementError(f"{path}: found nothing but {len(head)} blank bytes in the file; {_EXPECTED}")
+    # 2. words at the beginning of a text
+    wide = head[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if wide:
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("utf-8", errors="replace")
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    is_universal = text.split(b"\n", 1)[0].strip() == b"-1"
+    if text.startswith(b"version https://git-lfs"):
+        raise refusal(path, "a pointer of Git LFS", "the measurement", "run `git lfs pull`")
+    if wide and is_universal:
+        raise refusal(path, "text in UTF-16", "a universal file in ASCII", "save it so")
+    if kind := next((kind for beginning, kind in _TOLD_BY_BEGINNING.items() if text.startswith(beginning)), None):
+        return kind
+    # 3. binary files
     if matlab_4_header(head):
         return "mat4"
     if head.startswith(_HDF5) or any(head[at : at + 8] == _HDF5 for at in (512, 1024, 2048)):
@@ -94,11 +89,8 @@ def _binary_format(path: Path, head: bytes) -> str | None:
     for name, starts in NAMES["others"].items():
         if head.startswith(tuple(start.encode("latin-1") for start in starts)):
             raise MeasurementError(f"{path}: found {name}; {_EXPECTED}")
-    return None
-
-
-def _text_format(path: Path, head: bytes, text: bytes) -> str:
-    if text.split(b"\n", 1)[0].strip() == b"-1" or BEGINNING.search(head):
+    # 4. texts
+    if is_universal or BEGINNING.search(head):
         return "uff"
     head = head.partition(b"\n\x1a")[0].rstrip(b"\x1a\r\n")  # Ctrl-Z ends a text of DOS, whatever follows
     if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):

@@ -17,7 +17,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, Quantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
-from vibrecords.formats.names import NAMES
+from vibrecords.formats.names import NAMES, NUMBER, float_of
 from vibrecords.formats.units import TIME_S, frequency_factor, is_of_two_signals, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, half_a_digit, require_short
 
@@ -266,7 +266,6 @@ def _are_lines(x: Array) -> bool:
     return bool(x[0] > 0) and (grow or shrink or left_out)
 
 
-_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 #: A complex number as Python, MATLAB and Fortran write it: (1+2j), 1 - 2i, 1e-3+i2, -2j, (1,2).
 _PART = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|nan|inf"
 _COMPLEX = re.compile(
@@ -373,11 +372,6 @@ def bad_number(field: str, where: str) -> MeasurementError:
     return MeasurementError(f"{where}: found {fault}")
 
 
-def float_of(text: str) -> float | None:
-    """Number of a text with a decimal point; None where it is none."""
-    return float(text) if _NUMBER.fullmatch(text) and "," not in text else None
-
-
 def read_text_table(lines: Lines) -> ColumnTable:
     """Read a table; delimiter (tab, semicolon, comma, blanks) and decimal sign from its first row of numbers.
 
@@ -398,7 +392,7 @@ def read_text_table(lines: Lines) -> ColumnTable:
     require_at_most(MOST_COLUMNS, count, f"line {first[0][0]}", "columns", "split the file")
     # the first row of a CutPro file, behind whose numbers name and unit of each column stand
     fields = [field.strip() for field in _fields(head[-1].text, delimiter)] if head else []
-    if len(fields) == 3 * count and all(_NUMBER.fullmatch(f) for f in fields[:count]):
+    if len(fields) == 3 * count and all(NUMBER.fullmatch(f) for f in fields[:count]):
         first.insert(0, (head[-1].number, delimiter.join(fields[:count])))
         units = ["" if column_of(unit).role in FRF_ROLES else unit for unit in fields[count + 1 :: 2]]
         header = tuple(map(_with_unit, fields[count::2], units))
@@ -498,7 +492,7 @@ def _head(lines: Lines, comments: dict[str, str]) -> tuple[list[_TableHead], lis
             continue
         if row is not None and delimiter is not None:
             fields = [field for field in _fields(line, delimiter) if field.strip()]
-            if len(fields) < 2 or any(_NUMBER.fullmatch(field.strip()) for field in fields):
+            if len(fields) < 2 or any(NUMBER.fullmatch(field.strip()) for field in fields):
                 return head, [row, (number, line)], delimiter
             head.append(_TableHead(*row))  # numbers above the names of columns
         delimiter = _delimiter(line)
@@ -519,7 +513,7 @@ def _delimiter(line: str) -> str | None:
         fields = [field.strip() for field in _fields(line, delimiter)]
         numbers = [field for field in fields if field]
         decimal_comma_clash = delimiter == "," and any("," in field for field in fields)
-        if len(numbers) > 1 and not decimal_comma_clash and all(_NUMBER.fullmatch(f) for f in numbers):
+        if len(numbers) > 1 and not decimal_comma_clash and all(NUMBER.fullmatch(f) for f in numbers):
             return delimiter
     return None
 
@@ -543,10 +537,10 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
         cells = _cells(entry, delimiter, count)
         if re.search(r"\bexpo", entry.text, re.IGNORECASE):
             comments.setdefault("said", entry.text)
-        broken = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
+        broken = next((cell for cell in cells if not NUMBER.fullmatch(cell)), None)
         if broken is None and entry.is_comment:
             continue  # a row that was taken out
-        if broken is not None and entry is head[-1] and len(cells) == count and _NUMBER.fullmatch(cells[0]):
+        if broken is not None and entry is head[-1] and len(cells) == count and NUMBER.fullmatch(cells[0]):
             raise bad_number(broken, f"line {entry.number}")
         pair = cells if len(cells) > 1 else re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)
         if len(pair) == 1 and column_of(cells[0]).role == "coherence":  # the title of such a table
@@ -572,7 +566,7 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
             found = f"{len(names)} names above {count} columns of numbers"
             raise refusal(f"line {number}", found, f"one for each column{comma}", "correct the header")
         names = [""] * count
-    elif count == 2 and not any(units) and _NUMBER.fullmatch(names[1]):
+    elif count == 2 and not any(units) and NUMBER.fullmatch(names[1]):
         names = [""] * count  # a key and its value
     require_short(f"line {number}", *names, *units)
     above = rows[-2][1] if len(rows) > 1 and column_of(names[0]).role in ("frequency", "time") else []
@@ -680,7 +674,7 @@ def read_rows(
             for i, field in enumerate(fields):
                 if not field.strip():
                     empty.setdefault(i, number)
-                elif "," in field or not _NUMBER.fullmatch(field.strip()):
+                elif "," in field or not NUMBER.fullmatch(field.strip()):
                     raise bad_number(field, f"line {number}") from None
             numbers.extend(float(field.strip() or "nan") for field in fields)
         if "_" in "".join(fields):  # Python's own spelling of long numbers

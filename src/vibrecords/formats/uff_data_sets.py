@@ -26,9 +26,9 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
-from vibrecords.formats.names import NAMES
+from vibrecords.formats.names import NAMES, float_of
 from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
-from vibrecords.formats.table_text import axis_role, bad_number, float_of, plain_text
+from vibrecords.formats.table_text import axis_role, bad_number, plain_text
 from vibrecords.formats.units import (
     MOTION_OF,
     TIME_S,
@@ -411,27 +411,22 @@ def decode(header: FunctionHeader, body: Iterable[bytes], size: int) -> tuple[Ar
         rows = np.frombuffer(b"".join(body), header.row)
         numbers = rows["y"].astype(float) if header.even else np.hstack([rows["x"], rows["y"].astype(float)])
     else:
-        numbers = _text(header, body, size)
+        expected = header.count * header.per_value
+        # each number takes a digit and, but for columns that touch, a blank: a count beyond that is wrong
+        if expected > size:
+            raise LineError(0, _count_message(header, f"at most {size} numbers"))
+        numbers, read, line = np.empty(expected), 0, 0
+        for part in body:
+            some = _numbers(header, part, expected - read, line)
+            numbers[read : read + some.size] = some
+            read, line = read + some.size, line + part.count(b"\n")
+        if read != expected:
+            raise LineError(max(line - 1, 0), _count_message(header, f"{read} numbers"))
     numbers = numbers.reshape(header.count, header.per_value)
     abscissa = even_abscissa(header) if header.even else numbers[:, 0].copy()
     ordinate = np.ascontiguousarray(numbers[:, 0 if header.even else 1 :])
     # not a + 1j·b, which turns an infinite part into NaN and loses the sign of a zero
     return abscissa, ordinate.view(complex)[:, 0] if header.is_complex else ordinate[:, 0]
-
-
-def _text(header: FunctionHeader, body: Iterable[bytes], size: int) -> Array:
-    expected = header.count * header.per_value
-    # each number takes a digit and, but for columns that touch, a blank: a count beyond that is wrong
-    if expected > size:
-        raise LineError(0, _count_message(header, f"at most {size} numbers"))
-    numbers, read, line = np.empty(expected), 0, 0
-    for part in body:
-        some = _numbers(header, part, expected - read, line)
-        numbers[read : read + some.size] = some
-        read, line = read + some.size, line + part.count(b"\n")
-    if read != expected:
-        raise LineError(max(line - 1, 0), _count_message(header, f"{read} numbers"))
-    return numbers
 
 
 def _widths(header: FunctionHeader) -> tuple[int, ...]:

@@ -123,24 +123,19 @@ def find_hits(forces: Sequence[TimeRecord], settings: HitSettings) -> tuple[Hit,
         raise refusal("hits", f"no force in {len(forces)} records", "a hammer's", "check the channel")
     hits: list[Hit] = []
     for i, (record, x) in enumerate(zip(forces, quiet, strict=True)):
-        hits += _hits_of_record(i, record, x, settings.trigger_level * largest, settings)
+        above = np.flatnonzero(np.abs(x) > settings.trigger_level * largest)
+        if settings.block_s is None and above.size:
+            hits.append(_judge(i, record, x, 0, int(above[0]), x.size, settings))
+        elif settings.block_s is None:
+            hits.append(Hit(0, i, 0, 0, 0.0, 0.0, "no force above the trigger"))
+        else:
+            rate, position = record.sample_rate_hz, 0
+            samples, before = max(round(settings.block_s * rate), 1), round(settings.pretrigger_s * rate)
+            while (later := above[above >= position]).size:
+                trigger = int(later[0])
+                hits.append(_judge(i, record, x, trigger - before, trigger, samples, settings))
+                position = max(trigger - before + samples, trigger + 1)
     return tuple(replace(hit, number=number) for number, hit in enumerate(hits, 1))
-
-
-def _hits_of_record(index: int, record: TimeRecord, x: Array, threshold: float, settings: HitSettings) -> list[Hit]:
-    rate = record.sample_rate_hz
-    above = np.flatnonzero(np.abs(x) > threshold)
-    if settings.block_s is None:
-        if not above.size:
-            return [Hit(0, index, 0, 0, 0.0, 0.0, "no force above the trigger")]
-        return [_judge(index, record, x, 0, int(above[0]), x.size, settings)]
-    samples, before = max(round(settings.block_s * rate), 1), round(settings.pretrigger_s * rate)
-    hits, position = [], 0
-    while (later := above[above >= position]).size:
-        trigger = int(later[0])
-        hits.append(_judge(index, record, x, trigger - before, trigger, samples, settings))
-        position = max(trigger - before + samples, trigger + 1)
-    return hits
 
 
 def _judge(
@@ -148,7 +143,10 @@ def _judge(
 ) -> Hit:
     rate = record.sample_rate_hz
     block = x[max(start, 0) : start + samples]
-    top = int(np.argmax(np.abs(block[: _pulse_end(block, trigger - max(start, 0))])))
+    # the first pulse ends where the force, once triggered, changes its sign
+    at = trigger - max(start, 0)
+    back = np.flatnonzero(np.sign(block[at]) * block[at:] <= 0)
+    top = int(np.argmax(np.abs(block[: at + int(back[0]) if back.size else block.size])))
     peak = float(block[top])
     upright = np.sign(peak) * block
     rise, fall = stretch_about(upright < 0.5 * upright[top], top)
@@ -169,12 +167,6 @@ def _judge(
         if second.size:
             reason = f"double hit, again after {second[0] / rate * 1e3:.3g} ms"
     return Hit(0, index, start, trigger, peak, width, reason)
-
-
-def _pulse_end(block: Array, trigger: int) -> int:
-    """Sample after the first pulse: where the force, once triggered, changes its sign."""
-    back = np.flatnonzero(np.sign(block[trigger]) * block[trigger:] <= 0)
-    return trigger + (int(back[0]) if back.size else block.size - trigger)
 
 
 def is_clipped(values: Array, full_scale: float | None = None) -> bool:

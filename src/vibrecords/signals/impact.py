@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vibrecords.arrays import Array, ComplexArray
+from vibrecords.arrays import ComplexArray
 from vibrecords.errors import refusal
 from vibrecords.formats.grid import join_frfs
 from vibrecords.frf_set import FrfSet
@@ -82,8 +82,19 @@ def _estimate(
     (samples,) = lengths
     frequency, lines = spectra.kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
     decay = windows.exponential_window(samples, settings.exponential_end)
-    of_hits = [_spectra_of_hit(pairs[hit.record], hit, decay, settings) for hit in kept]
-    force, response = (np.array(channel_spectra)[:, lines] for channel_spectra in zip(*of_hits, strict=True))
+    of_hits: list[list[ComplexArray]] = [[], []]  # spectra of force and response, offset removed and windowed
+    for hit in kept:
+        trigger = hit.trigger - hit.start
+        for of_channel, history in zip(of_hits, pairs[hit.record], strict=True):
+            block = history.values[hit.start : hit.start + samples]
+            # the offset is the mean of what comes before the trigger, but for the last third, where it rises
+            quiet = block[: 2 * trigger // 3]
+            block = block - quiet.mean() if quiet.size >= 8 else block
+            if of_channel is of_hits[0] and settings.force_window_s is not None:
+                length = max(round(settings.force_window_s * rate), 1)
+                block = block * windows.force_window(samples, trigger, length)
+            of_channel.append(np.fft.rfft(decay * block)[lines])
+    force, response = map(np.array, of_hits)
     estimate = spectra.estimate_frf(force, response, settings.estimator)
     added = windows.added_decay_rate(settings.exponential_end, samples / rate)
     notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
@@ -184,7 +195,12 @@ def without_window(frf: FrfSet) -> tuple[FrfSet, str]:
         If no mode is found.
     """
     rate, measured = frf.window_rate, replace(frf, window_rate=0.0)
-    modes = identify_modes(_lower_coherence(measured, rate))
+    seen = measured
+    if frf.coherence is not None and frf.n_lines > 1:
+        # as low as it must be for correlated lines to count as the independent ones that they are worth; otherwise the
+        # smooth noise that a window leaves would be fitted by modes that are none
+        seen = replace(measured, coherence=1 / (1 + line_step_of(frf) * (1 / frf.coherence - 1)))
+    modes = identify_modes(seen)
     if not modes:
         found = f"no mode in the FRFs of {frf.inputs[0]!r}"
         expected = "some, by which the window's damping can be taken out"
@@ -199,33 +215,3 @@ def line_step_of(frf: FrfSet) -> int:
     if not frf.window_rate or frf.n_lines < 2:
         return 1
     return _line_step(float(np.exp(-frf.window_rate / np.median(np.diff(frf.frequency_hz)))))
-
-
-def _lower_coherence(frf: FrfSet, rate: float) -> FrfSet:
-    """Coherence as low as it must be for correlated lines to count as the independent ones that they are worth.
-
-    Otherwise the smooth noise that a window leaves would be fitted by modes that are none.
-    """
-    if frf.coherence is None or frf.n_lines < 2:
-        return frf
-    block_s = 1 / float(np.median(np.diff(frf.frequency_hz)))
-    worth = _line_step(float(np.exp(-rate * block_s)))
-    return replace(frf, coherence=1 / (1 + worth * (1 / frf.coherence - 1)))
-
-
-def _spectra_of_hit(
-    pair: tuple[TimeRecord, TimeRecord], hit: Hit, decay: Array, settings: ImpactSettings
-) -> tuple[ComplexArray, ComplexArray]:
-    """Spectra of force and response of one hit, offset removed and windowed, each (lines,)."""
-    trigger = hit.trigger - hit.start
-    force, response = (_remove_offset(record.values[hit.start : hit.start + decay.size], trigger) for record in pair)
-    if settings.force_window_s is not None:
-        length = max(round(settings.force_window_s * pair[0].sample_rate_hz), 1)
-        force = force * windows.force_window(decay.size, trigger, length)
-    return np.fft.rfft(decay * force), np.fft.rfft(decay * response)
-
-
-def _remove_offset(block: Array, trigger: int) -> Array:
-    """A block less its offset: the mean of what comes before the trigger, but for the last third, where it rises."""
-    quiet = block[: 2 * trigger // 3]
-    return block - quiet.mean() if quiet.size >= 8 else block
