@@ -15,7 +15,6 @@ from scipy.special import logsumexp
 import jointbayes as jb
 from jointbayes.inference import GaussianNoise, GaussianSpread, NoiseModel, ScaledNoise
 from tests.conftest import CONFIGS
-from tests.one_line import refused
 from tests.structure.long_rod import LongRod
 from tests.test_workflow import QUICK, TRUTH, from_arrays
 
@@ -128,22 +127,6 @@ def test_a_posterior_of_a_plain_noise_model_says_what_its_file_lacks(tmp_path):
     with pytest.raises(jb.ModelError, match=r"parts that no file can hold: problem\.tests\[0\]\.noise \(Plain\);"):
         jb.load_posterior(tmp_path / "own.nc")
     np.testing.assert_array_equal(jb.load_posterior(tmp_path / "own.nc", problem=problem)["k22"], posterior["k22"])
-
-
-@pytest.mark.parametrize(("noise", "said"), [
-    (type("Bare", (NoiseModel,), {"scores": None, "draw": None})(), "found as noise Bare; expected .* with `parts`"),
-    (object(), "found as noise object; expected a noise model"),
-    (3.0, r"found as noise 3\.0; expected a noise model"),
-])  # fmt: skip
-def test_what_is_no_noise_model_is_told_in_one_line(noise, said):
-    refused(lambda: from_arrays(noise=noise), jb.ModelError, said)
-
-
-def test_a_noise_model_without_a_likelihood_is_told_in_one_line():
-    problem = from_arrays(
-        noise=type("Bare", (NoiseModel,), {"parts": 2, "scores": Scaled.scores, "draw": Scaled.draw})()
-    )
-    refused(lambda: problem.log_posterior(np.log(TRUTH)), jb.ModelError, "found Bare without log_likelihood")
 
 
 class Rod(jb.Body):

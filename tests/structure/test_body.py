@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
-from jointbayes.frf import DirectSolve, Ports, receptance_model
+from jointbayes.frf import Ports, receptance_model
 from jointbayes.structure import Body, LossFactor
-from tests.one_line import refused
 from tests.oracles import noisy_frfs
 from tests.structure.long_rod import LongRod
 from vibrecords import FrfSet
@@ -99,12 +98,6 @@ def test_default_priors_are_relative_to_what_a_rod_weighs_and_how_it_stretches()
     assert rod.own_inertia("1:x") == pytest.approx(rod.density * rod.area * rod.length)
     # of a free bar that a force at one end accelerates
     assert rod.own_stiffness("1:x", "1:x") == pytest.approx(3 * rod.youngs_modulus * rod.area / rod.length, rel=1e-4)
-
-
-def test_matrices_and_labels_that_a_body_lacks_are_refused_where_they_are_needed():
-    ports, words = Ports(LINES, (TIP,), (TIP,)), "found DOF '100001:x'; expected one of '1:x' to '100000:x'"
-    refused(lambda: DirectSolve(LongRod(), JOINT, ports), jb.ModelError, "LongRod")
-    refused(lambda: LongRod().index(("2:x", "100001:x")), jb.ModelError, words)
 
 
 def lines_outside_the_room(pattern):
