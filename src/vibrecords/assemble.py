@@ -233,7 +233,14 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
     modes, without_modes = _modes(measured, plan)
     frf = measured.frf
     about = (frf.quantity, frf.n_lines, measured.band_hz, frf.averages, mapped.uses, mapped.left_out, words)
-    doubts, loaded = (*contradicted, *_warnings(cut, plan), *loose), tuple(o for o in frf.outputs if ":r" not in o)
+    # what is doubtful in the lines that are used, and in those that hold no number; not what the plan answers
+    answered = {"uneven_lines"} if plan.exclude_hz else set()
+    answered |= {"exponential_window"} if plan.window_tau_s is not None else set()
+    if source not in ("", "coherence"):
+        answered |= {"coherence_missing", "coherence_one", "averages_missing"}
+    seen = find_warnings(r.at_lines(~excluded_lines(r.frequency_hz, plan.exclude_hz)) for r in cut)
+    doubts = (*contradicted, *(warning for warning in seen if warning.key not in answered), *loose)
+    loaded = tuple(o for o in frf.outputs if ":r" not in o)
     noted, freedom = (*notes, *without_modes), measured.variance_dof
     provenance = Provenance(tuple(files), *about, noted, doubts, modes, loaded, variance_dof=freedom)
     if (asked := plan.frequencies) is not None:
@@ -244,16 +251,6 @@ def assemble_measurement(records: Iterable[Record], plan: MeasurementPlan, files
         sd = np.sqrt(fitted**2 + (asked.sd_relative * frequency) ** 2 + asked.sd_hz**2)
         return FrequencyData(frequency, sd, provenance)
     return _select(replace(measured, provenance=provenance), plan, where)
-
-
-def _warnings(records: Sequence[FrfRecord], plan: MeasurementPlan) -> tuple[MeasurementWarning, ...]:
-    """What is doubtful in the lines that are used, and in those that hold no number; not what the plan answers."""
-    lines = [record.at_lines(~excluded_lines(record.frequency_hz, plan.exclude_hz)) for record in records]
-    answered = {"uneven_lines"} if plan.exclude_hz else set()
-    answered |= {"exponential_window"} if plan.window_tau_s is not None else set()
-    if plan.variance is not None and plan.variance.source != "coherence":
-        answered |= {"coherence_missing", "coherence_one", "averages_missing"}
-    return tuple(warning for warning in find_warnings(lines) if warning.key not in answered)
 
 
 def _fingerprint(path: Path, name: str) -> MeasuredFile:

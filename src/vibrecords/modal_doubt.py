@@ -102,10 +102,50 @@ class PoleReview:
         """Merge poles of one resonance, name what is doubtful; which of the poles left are modes."""
         if not self.poles.size:
             return np.zeros(0, dtype=bool)
+        # 1. poles of one resonance
         nonlinear = self._merge()
         self.leaking = np.array([self._coherence_dips(i) for i in range(self.poles.size)], dtype=bool)
-        reasons = self._reasons()
-        self._name_sidebands(reasons)
+        # 2. why each pole of the fit is no mode; empty where it is one
+        problem, price = self.problem, self.problem.price
+        _, about, correlated = problem.noise_about(self.poles)
+        losses = problem.losses(self.poles) / problem.inflation(self.poles)
+        damping, damping_sd = -self.poles.real / np.abs(self.poles), problem.damping_sd(self.poles)
+        widths = self.width_hz / self.line_step_hz(self.frequency_hz)
+        reasons = [""] * self.poles.size
+        for i, width in enumerate(widths):
+            # a. A background is damped more than any mode.
+            if damping[i] > _MOST_DAMPING:
+                reasons[i] = f"a damping of {100 * damping[i]:.0f} %: a background, not a mode"
+                continue
+            # b. A mode is worth its price also without the lines that tell most of it, with the noise at the others.
+            #    Where nothing else tells the noise, as at a zero of a hit's force, the data must insist.
+            by_line = np.sort(problem.gain_by_line(self.poles, i))[:-ON_LINES].sum()
+            unknown = self.squares is None and not self.told and width < _NARROW
+            if by_line < price * max(1.0, about[i]) * correlated[i] * (_UNTOLD if unknown else 1.0):
+                reasons[i] = f"stands on {ON_LINES} lines: a tone, an outlier, or a zero of the force"
+                continue
+            # c. Its response stands out of what is incoherent with the force at its lines.
+            if self._is_incoherent(i):
+                reasons[i] = "hardly coherent with the force: a tone, noise, or a zero of the force"
+                continue
+            # d. Its damping differs from zero. Without coherence only this tells it from a tone.
+            least = np.inf if width < _UNRESOLVED and not self.told else _DAMPED_NARROW if width < _NARROW else _DAMPED
+            if damping[i] < damping_sd[i] * (least if self.squares is None else _DAMPED_COHERENT):
+                reasons[i] = "its damping hardly differs from zero: a tone or leakage"
+                continue
+            # e. More than one of several FRFs shows it, or one clearly.
+            by_frf = losses[:, i]
+            if by_frf.size > 1 and (by_frf > price / by_frf.size).sum() < 2 and by_frf.max() < _IN_ONE_FRF * price:
+                reasons[i] = f"only one of {by_frf.size} FRFs shows it, and hardly"
+        # 3. modes that hardly stand beside another: no test shows two so unlike that are both true
+        height = np.abs(problem.residues(self.poles)) * self.frequency_hz / self.width_hz
+        modes = np.array([not reason for reason in reasons])
+        for pole in np.flatnonzero(modes).tolist():
+            near = modes & (np.abs(self.frequency_hz / self.frequency_hz[pole] - 1) < _BESIDE)
+            above = np.flatnonzero(near & (height[:, [pole]] < _SIDEBAND * height).all(axis=0))
+            if above.size:
+                other = self.frequency_hz[above[np.argmax(height[:, above].max(axis=0))]]
+                reasons[pole] = f"more than 65 dB below the resonance at {other:.6g} Hz: a sideband"
         for frequency, reason, named in zip(self.frequency_hz, reasons, nonlinear, strict=True):
             if reason and not named:
                 self.doubtful.append(DoubtfulMode(float(frequency), reason))
@@ -172,52 +212,6 @@ class PoleReview:
         if not at.size or not sides.size:
             return False
         return bool((at.mean(axis=0) > _DIP * np.median(sides, axis=0)).any())
-
-    def _name_sidebands(self, reasons: list[str]) -> None:
-        """Give a reason to modes that hardly stand beside another: no test shows two so unlike that are both true."""
-        height = np.abs(self.problem.residues(self.poles)) * self.frequency_hz / self.width_hz
-        modes = np.array([not reason for reason in reasons])
-        for pole in np.flatnonzero(modes).tolist():
-            near = modes & (np.abs(self.frequency_hz / self.frequency_hz[pole] - 1) < _BESIDE)
-            above = np.flatnonzero(near & (height[:, [pole]] < _SIDEBAND * height).all(axis=0))
-            if above.size:
-                other = self.frequency_hz[above[np.argmax(height[:, above].max(axis=0))]]
-                reasons[pole] = f"more than 65 dB below the resonance at {other:.6g} Hz: a sideband"
-
-    def _reasons(self) -> list[str]:
-        """Why each pole of the fit is no mode; empty where it is one."""
-        problem, price = self.problem, self.problem.price
-        _, about, correlated = problem.noise_about(self.poles)
-        losses = problem.losses(self.poles) / problem.inflation(self.poles)
-        damping, damping_sd = -self.poles.real / np.abs(self.poles), problem.damping_sd(self.poles)
-        widths = self.width_hz / self.line_step_hz(self.frequency_hz)
-        reasons = [""] * self.poles.size
-        for i, width in enumerate(widths):
-            # 1. A background is damped more than any mode.
-            if damping[i] > _MOST_DAMPING:
-                reasons[i] = f"a damping of {100 * damping[i]:.0f} %: a background, not a mode"
-                continue
-            # 2. A mode is worth its price also without the lines that tell most of it, with the noise at the others.
-            #    Where nothing else tells the noise, as at a zero of a hit's force, the data must insist.
-            by_line = np.sort(problem.gain_by_line(self.poles, i))[:-ON_LINES].sum()
-            unknown = self.squares is None and not self.told and width < _NARROW
-            if by_line < price * max(1.0, about[i]) * correlated[i] * (_UNTOLD if unknown else 1.0):
-                reasons[i] = f"stands on {ON_LINES} lines: a tone, an outlier, or a zero of the force"
-                continue
-            # 3. Its response stands out of what is incoherent with the force at its lines.
-            if self._is_incoherent(i):
-                reasons[i] = "hardly coherent with the force: a tone, noise, or a zero of the force"
-                continue
-            # 4. Its damping differs from zero. Without coherence only this tells it from a tone.
-            least = np.inf if width < _UNRESOLVED and not self.told else _DAMPED_NARROW if width < _NARROW else _DAMPED
-            if damping[i] < damping_sd[i] * (least if self.squares is None else _DAMPED_COHERENT):
-                reasons[i] = "its damping hardly differs from zero: a tone or leakage"
-                continue
-            # 5. More than one of several FRFs shows it, or one clearly.
-            by_frf = losses[:, i]
-            if by_frf.size > 1 and (by_frf > price / by_frf.size).sum() < 2 and by_frf.max() < _IN_ONE_FRF * price:
-                reasons[i] = f"only one of {by_frf.size} FRFs shows it, and hardly"
-        return reasons
 
     def _is_incoherent(self, pole: int) -> bool:
         """Whether what a pole adds to the FRFs at its lines may be chance, by the scatter over the averages there.

@@ -124,7 +124,16 @@ def _read_npz(path: Path, most: int, _matrix: MatrixOf) -> Block:
 def _read_hdf5(path: Path, most: int, matrix: MatrixOf, *, matlab: bool = False) -> Block:
     import h5py  # type: ignore[import-untyped]
 
-    _require_sound_heaps(path)
+    # a damaged heap of texts (a "global heap collection") is refused, because HDF5 may read it without end
+    with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for heap in re.finditer(rb"GCOL\x01...", content, re.DOTALL):
+            at, end = heap.end() + 8, heap.start() + struct.unpack_from("<Q", content, heap.end())[0]
+            while at + 16 <= end:
+                number, size = struct.unpack_from("<H6xQ", content, at)
+                step = 16 + size + -size % 8 if number else size  # what is free has number 0
+                if step < 16 or at + step > min(end, len(content)):
+                    raise ValueError(f"a heap of texts at byte {heap.start()}")
+                at += step
     with h5py.File(path, "r") as file:
         return _Hdf5(file, most, matlab, matrix).group(file)
 
@@ -138,19 +147,6 @@ def has_attribute(path: Path, name: str) -> bool:
             return name in file.attrs
     except (OSError, RuntimeError):
         return False  # none, or damaged
-
-
-def _require_sound_heaps(path: Path) -> None:
-    """Refuse a file with a damaged heap of texts (a "global heap collection"), which HDF5 may read without end."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        for heap in re.finditer(rb"GCOL\x01...", content, re.DOTALL):
-            at, end = heap.end() + 8, heap.start() + struct.unpack_from("<Q", content, heap.end())[0]
-            while at + 16 <= end:
-                number, size = struct.unpack_from("<H6xQ", content, at)
-                step = 16 + size + -size % 8 if number else size  # what is free has number 0
-                if step < 16 or at + step > min(end, len(content)):
-                    raise ValueError(f"a heap of texts at byte {heap.start()}")
-                at += step
 
 
 class _Hdf5:

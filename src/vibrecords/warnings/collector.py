@@ -122,6 +122,13 @@ def find_warnings(records: Record | Iterable[Record], mass_kg: float | None = No
     return collector.warnings()
 
 
+#: What FRFs are that should be equal, by the key of the warning.
+_TWICE = "repeats_differ", "the same FRF is there twice"
+_EXCHANGED = "reciprocity", "with response and force exchanged the FRFs should be equal"
+#: The ratio of two quantities of one sensor, g and rad/s have warnings of their own.
+_OWN_WARNINGS = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
+
+
 class WarningCollector:
     """Warnings about records that come one by one; of each only a sketch is kept.
 
@@ -167,8 +174,24 @@ class WarningCollector:
             else:
                 self._tell(where, record, clear, turned=bool(turned))
             pair = clear.response, clear.reference
-            self._compare_peaks(pair, Peaks.of(where, clear))
-            self._compare(pair, Sketch.of(record, whole))  # whose lines are those of other FRFs
+            # resonances against those of the same FRF before, or else of the first response to the same force
+            peaks = Peaks.of(where, clear)
+            for key, same_frf in ((pair, True), (("", pair[1]), False)):
+                first = self._peaks.setdefault(key, peaks)
+                if first is not peaks:
+                    if warning := shift_warning(first, peaks, same_frf=same_frf):
+                        self._keep(f"{first.where} and {peaks.where}", warning)
+                    break
+            # values against the same FRF before, and that with response and force exchanged; whole, on equal lines
+            sketch, before = Sketch.of(record, whole), self._sketches.setdefault(pair, [])
+            across = self._sketches.get((pair[1], pair[0]), []) if pair[0] != pair[1] else []
+            for others, kind, what in ((before, *_TWICE), (across, *_EXCHANGED)):
+                for other in others:
+                    if warning := disagreement(other, sketch):
+                        sentence = f"{what}, but {warning.sentence}"
+                        warning = replace(warning, key=_OWN_WARNINGS.get(warning.key, kind), sentence=sentence)
+                        self._keep(f"{_place(other.record, other.where)} and {sketch.where}", warning)
+            before += [sketch] * (len(before) < 2)  # two of a kind are enough to compare with
         highest = float(np.max(record.frequency_hz, initial=0.0))
         if highest > self._highest_hz:
             self._highest_hz, self._highest_where = highest, where
@@ -210,32 +233,6 @@ class WarningCollector:
             kept = self._raw.setdefault(group, [])
             if len(kept) < _NAMED:
                 kept.append(replace(warning, where=where))
-
-    def _compare_peaks(self, pair: tuple[str, str], peaks: Peaks) -> None:
-        """Compare resonances with those of the same FRF before, or else of the first response to the same force."""
-        for key, same_frf in ((pair, True), (("", pair[1]), False)):
-            first = self._peaks.setdefault(key, peaks)
-            if first is not peaks:
-                if warning := shift_warning(first, peaks, same_frf=same_frf):
-                    self._keep(f"{first.where} and {peaks.where}", warning)
-                return
-
-    def _compare(self, pair: tuple[str, str], sketch: Sketch) -> None:
-        # the ratio of two quantities of one sensor, g and rad/s have warnings of their own
-        keys = {"g": "g_against_ms2", "rad_per_s": "rad_per_s", "quantity": "quantity_phase"}
-        swapped, before = (pair[1], pair[0]), self._sketches.get(pair, [])
-        across = self._sketches.get(swapped, []) if swapped != pair else []
-        exchanged = "with response and force exchanged the FRFs should be equal"
-        twice = (before, "repeats_differ", "the same FRF is there twice")
-        for others, key, what in (twice, (across, "reciprocity", exchanged)):
-            for other in others:
-                if warning := disagreement(other, sketch):
-                    sentence = f"{what}, but {warning.sentence}"
-                    warning = replace(warning, key=keys.get(warning.key, key), sentence=sentence)
-                    self._keep(f"{_place(other.record, other.where)} and {sketch.where}", warning)
-        # two of a kind are enough to compare with
-        if len(before) < 2:
-            self._sketches.setdefault(pair, []).append(sketch)
 
 
 def _place(channel: str, where: str) -> str:
