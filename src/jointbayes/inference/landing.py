@@ -7,7 +7,7 @@ widths of the prior comes down on the nearest part of it, so that climbs from ev
 import numpy as np
 from scipy.stats import qmc
 
-from jointbayes.inference.climb import PosteriorSquares, climb_all, normal_equations
+from jointbayes.inference.climb import PosteriorSquares, climb_all
 from jointbayes.inference.log_posterior import LogPosterior
 from vibrecords.arrays import Array, Indices
 
@@ -69,7 +69,8 @@ class Landing:
 
     def widths(self, theta: Array) -> Array:
         """Widths of the density about points, shape (n, f), along its axes there, in prior standard deviations."""
-        curvature, _ = self._curvature(self.whole(theta))
+        few = np.array_split(self.whole(theta), self._parts(len(theta)))
+        curvature = np.concatenate([self._curvature(points, self._slopes(points)[1])[0] for points in few])
         return 1 / np.sqrt(np.maximum(curvature[:, ::-1], 1e-12))[:, ::-1]
 
     def shapes(self, theta: Array, reach: Array, bent: int) -> tuple[Array, Array]:
@@ -90,53 +91,74 @@ class Landing:
         axes, bend : ndarray, shapes (n, f, f) and (n, t, t, f)
             Columns of the axes, and the second derivative of the sheet by places along them, across to these.
         """
-        parts = max(1, len(theta) * self._posterior.likelihood.n_data * self.sd.size // _AT_ONCE)
+        parts = self._parts(len(theta))
         few = zip(np.array_split(theta, parts), np.array_split(reach, parts), strict=True)
         found = [self._shapes(self.whole(points), lengths, bent) for points, lengths in few]
         return np.concatenate([axes for axes, _ in found]), np.concatenate([bend for _, bend in found])
 
     def _shapes(self, points: Array, reach: Array, bent: int) -> tuple[Array, Array]:
-        n, f, white = len(points), self.sd.size, self._posterior.white
-        curvature, vectors = self._curvature(points)
-        here = white(points)
-        step = _STEP * np.minimum(self.sd, 1.0)
-        slopes = [
-            (white(points + self.whole(row[None])) - here) / size for row, size in zip(np.diag(step), step, strict=True)
-        ]
-        jacobian = np.stack(slopes, axis=2) * self.sd
+        # 1. slopes of the residuals, and the axes that they give
+        n, white, reach = len(points), self._posterior.white, reach.copy()
+        here, jacobian = self._slopes(points)
+        curvature, vectors = self._curvature(points, jacobian)
+        axes, bend = np.empty_like(vectors), np.zeros((n, bent, bent, self.sd.size))
+        away, left = np.zeros(n), np.arange(n)
         for _ in range(_CLOSER):
-            precision = curvature + 1 / reach[:, None] ** 2
-            axes = self.sd[:, None] * vectors / np.sqrt(precision)[:, None]
-            bend = np.zeros((n, bent, bent, f))
-            for i in range(bent):
-                for j in range(i, bent):
-                    up, down = (_ALONG * (axes[:, :, i] + side * axes[:, :, j]) for side in (1, -1))
+            precision = curvature[left] + 1 / reach[left, None] ** 2
+            axes[left] = self.sd[:, None] * vectors[left] / np.sqrt(precision)[:, None]
+            # 2. second differences along the widest axes, and the way across that takes them away
+            alone: list[Array] = []
+            for j in range(bent):
+                for i in [j, *range(j)]:
+                    along = axes[left, :, i] + (axes[left, :, j] if i < j else 0.0)
+                    move = _ALONG * self.whole(along)
+                    second = white(points[left] + move) + white(points[left] - move) - 2 * here[left]
                     if i == j:
-                        up, down = up / 2, np.zeros_like(up)
-                    values = [white(points + self.whole(move)) for move in (up, -up, down, -down)]
-                    second = (values[0] + values[1] - values[2] - values[3]) / (_ALONG**2 * (1 if i == j else 4))
-                    gradient = np.einsum("nmd,nm->nd", jacobian, np.where(np.isfinite(second), second, 0.0))
-                    across = np.einsum("ndk,nd->nk", vectors, gradient) / precision
+                        alone.append(second)
+                    else:
+                        second = (second - alone[i] - alone[j]) / 2
+                    second = np.where(np.isfinite(second), second, 0.0) / _ALONG**2
+                    gradient = np.einsum("nmd,nm->nd", jacobian[left], second)
+                    across = np.einsum("ndk,nd->nk", vectors[left], gradient) / precision
                     across[:, :bent] = 0.0
-                    bend[:, i, j] = bend[:, j, i] = -np.einsum("ndk,nk->nd", vectors, across)
-            away = np.sqrt((bend**2).sum(axis=-1)).max(axis=(1, 2), initial=0.0) / 2
-            if (away <= 2 * _BENT * reach).all():
+                    bend[left, i, j] = bend[left, j, i] = -np.einsum("ndk,nk->nd", vectors[left], across)
+            # 3. shorter axes where the density leaves them too far
+            away[left] = np.sqrt((bend[left] ** 2).sum(axis=-1)).max(axis=(1, 2), initial=0.0) / 2
+            left = left[away[left] > 2 * _BENT * reach[left]]
+            if not left.size:
                 break
-            reach = reach * np.minimum(1.0, _BENT * reach / np.maximum(away, 1e-300))
+            reach[left] *= np.minimum(1.0, _BENT * reach[left] / np.maximum(away[left], 1e-300))
         bend *= np.minimum(1.0, 2 * reach / np.maximum(away, 1e-300))[:, None, None, None]
         return axes, bend * self.sd
 
-    def _curvature(self, points: Array) -> tuple[Array, Array]:
+    def _parts(self, n: int) -> int:
+        """Number of parts of n points whose derivatives are held in memory together."""
+        return max(1, n * self._posterior.likelihood.n_data * self.sd.size // _AT_ONCE)
+
+    def _slopes(self, points: Array) -> tuple[Array, Array]:
+        """Residuals, shape (n, m), and their derivative by the free coordinates over their sd, (n, m, f)."""
+        prior, white, here = self._posterior.prior, self._posterior.white, self._posterior.white(points)
+        jacobian = np.empty((*here.shape, self.sd.size))
+        for column, (free, sd) in enumerate(zip(self._free, self.sd, strict=True)):
+            move = _STEP * min(sd, 1.0) * np.eye(points.shape[1])[free]
+            outside = (points + move > prior.support[1]).any(axis=1) | ~prior.feasible(points + move)
+            side = np.where(outside, -1.0, 1.0)[:, None]
+            jacobian[..., column] = (white(points + side * move) - here) * side * (sd / move[free])
+        jacobian[~np.isfinite(jacobian).all(axis=(1, 2))] = 0.0
+        return here, jacobian
+
+    def _curvature(self, points: Array, jacobian: Array) -> tuple[Array, Array]:
         """Eigenvalues of −∇²ln p in prior standard deviations, ascending, and vectors, shapes (n, f) and (n, f, f)."""
-        prior, columns, free = self._posterior.prior, self._squares.columns, self._free
-        _, normal = normal_equations(self._squares, points)
-        precision = np.zeros((len(points), points.shape[1], points.shape[1]))
-        precision[:, columns[:, None], columns] = normal
-        for column in np.setdiff1d(free, columns):  # parameters of the noise
-            move = 1e-2 * prior.sd[column] * np.eye(points.shape[1])[column]
+        prior, known = self._posterior.prior, np.isin(self._free, self._squares.columns)
+        precision = np.matmul(jacobian.swapaxes(1, 2), jacobian) * np.outer(known, known)
+        for column in np.flatnonzero(~known):  # parameters of the noise
+            move = 1e-2 * prior.sd[self._free[column]] * np.eye(points.shape[1])[self._free[column]]
             second = sum(self._posterior(points + side * move) for side in (1, -1)) - 2 * self._posterior(points)
-            second = np.where(np.isfinite(second), second, 0.0) / (1e-2 * prior.sd[column]) ** 2
-            precision[:, column, column] = np.maximum(-second - prior.precision[column], 0.0)
-        precision[:, np.arange(points.shape[1]), np.arange(points.shape[1])] += prior.precision
-        values, vectors = np.linalg.eigh(precision[:, free[:, None], free] * self.sd[:, None] * self.sd)
+            second = np.where(np.isfinite(second), second, 0.0) / 1e-2**2
+            precision[:, column, column] = np.maximum(
+                -second - prior.precision[self._free[column]] * self.sd[column] ** 2, 0.0
+            )
+        diagonal = np.arange(self.sd.size)
+        precision[:, diagonal, diagonal] += prior.precision[self._free] * self.sd**2
+        values, vectors = np.linalg.eigh(precision)
         return np.maximum(values, 0.0), vectors

@@ -42,10 +42,13 @@ class Kernels:
 
     def __post_init__(self) -> None:
         d, into = self.places.shape[1], np.linalg.inv(self.axes)
+        first, second = np.triu_indices(self.bend.shape[1])
         derived = {
             "weights": self.weights / self.weights.sum(),
             "_into": into,
-            "_bent": np.einsum("kij,kabj->kabi", into, self.bend),
+            "_bent": np.einsum(
+                "kij,kpj,p->kip", into, self.bend[:, first, second], np.where(first == second, 0.5, 1.0)
+            ),
             "_log_peaks": log_peak(_DOF, d) - np.linalg.slogdet(self.axes)[1],
         }
         for name, array in derived.items():
@@ -62,13 +65,10 @@ class Kernels:
     def log_densities(self, theta: Array) -> Array:
         """Log of the normalised density of each kernel, without its weight, shape (k, n), at θ, shape (n, d)."""
         (k, d), t, squared = self.places.shape, self.bend.shape[1], np.empty((len(self.places), len(theta)))
-        columns = np.ascontiguousarray(theta.T)
+        columns, (first, second) = np.ascontiguousarray(theta.T), np.triu_indices(t)
         for number in range(k):
             z = self._into[number] @ (columns - self.places[number][:, None])
-            for i in range(t):
-                for j in range(i, t):
-                    factor = 0.5 if i == j else 1.0
-                    z[t:] -= factor * self._bent[number, i, j, t:, None] * (z[i] * z[j])
+            z[t:] -= self._bent[number, t:] @ (z[first] * z[second])
             squared[number] = np.einsum("ij,ij->j", z, z)
         return np.asarray(self._log_peaks[:, None] - (_DOF + d) / 2 * np.log1p(squared / _DOF))
 

@@ -43,7 +43,7 @@ _KEPT = 0.1  # of all that is proposed goes to all kernels alike
 _WIDE = 0.15  # prior standard deviations: along wider axes a sheet is followed
 _MOST_BENT = 5
 _NEAREST, _FARTHEST = 0.01, 1.0  # reach of a kernel, in prior standard deviations
-_POOLED, _BATCHES = 4000, 4  # draws of each origin at a time
+_POOLED, _BATCHES, _FEW = 4000, 12, 2  # draws of each origin at a time; more than a few where these will do
 _LARGEST_WEIGHT = 0.01  # of all, that one draw may carry
 _HANDED_OUT, _LOOKED_AT = 8000, 2000
 _USELESS = 100.0  # effective draws, below which nothing is said
@@ -115,7 +115,7 @@ def draws_from_two_origins(
     2. Where the climbs ended each has kernels, and adapts them in rounds of draws: by their weights, and by further
        kernels at draws that they hardly propose. What is then proposed does not change any more.
     3. Draws of both are weighted as from both together, until the ends of all intervals are known to `END_TOLERANCE`,
-       or the probability beyond each by `ENOUGH` draws.
+       or the probability beyond each by `ENOUGH` draws; or until the weights say that too many more would be needed.
     4. An origin has found a draw that one of its kernels is close to, see `Kernels.covers`. Where more than `ALONE` of
        the density was found by one origin only, both climb from twice as many further points; where nothing is missing
        and the ends are not known, kernels are added at draws that are rarely proposed. All is then done once more.
@@ -187,7 +187,8 @@ def draws_from_two_origins(
             error, effective = interval_errors(quantities.values(theta), weight)
             unmet = unmet_by(error, effective, 0.0, tolerance=END_TOLERANCE, least=LEAST_EFFECTIVE, enough=ENOUGH)
             known = not unmet and float(weight.max()) <= _LARGEST_WEIGHT
-            if known or is_spent():
+            needed = max((error / END_TOLERANCE) ** 2, float(weight.max()) / _LARGEST_WEIGHT) * batch
+            if known or is_spent() or (batch >= _FEW and needed > _BATCHES):
                 break
         if not log_weight.size:
             continue

@@ -104,9 +104,9 @@ def _prepare(
 @compiled
 def _evaluate_lines(
     lam: Array, shapes: Array, n_out: int, ratio: Array, limit: float, nodes: Array, w2: Array, omega: Array,
-    basis: Array, data: Array, chi2: Array, lines: Array,
+    basis: Array, data: Array, chi2: Array, parts: Array,
 ) -> None:  # fmt: skip
-    """χ² (batch,), or S and T of every line where `lines` (batch, 2, pairs, blocks·LANES) has any row."""
+    """χ² (batch,); receptances, real and imaginary parts, where `parts` (batch, lines, 2·pairs) has any row."""
     pairs, m = len(data), lam.shape[1] + 4
     constants, near_modes, at = np.empty((pairs, m)), np.empty((2, m)), np.empty((2, pairs, _NODES))
     sums = np.empty(2 * LANES)
@@ -121,10 +121,10 @@ def _evaluate_lines(
                 _interpolate(basis[b * _NODES * LANES : (b + 1) * _NODES * LANES], at[0, a], at[1, a], sums)
                 for k in range(0, near, 4):
                     _near_modes(here, near_modes[0, k:], near_modes[1, k:], constants[a, k:], sums)
-                if len(lines) > 0:
-                    for j in range(LANES):
-                        lines[i, 0, a, b * LANES + j] = sums[j]
-                        lines[i, 1, a, b * LANES + j] = sums[LANES + j]
+                if len(parts) > 0:
+                    for j in range(min(LANES, parts.shape[1] - b * LANES)):
+                        parts[i, b * LANES + j, 2 * a] = sums[j]
+                        parts[i, b * LANES + j, 2 * a + 1] = -omega[b * LANES + j] * sums[LANES + j]
                 else:
                     measured = data[a, b * 3 * LANES : (b + 1) * 3 * LANES]
                     total += _residual(sums, omega[b * LANES : (b + 1) * LANES], measured)
@@ -252,16 +252,10 @@ class ModalSum:
 
         Of modes (batch, m) with shapes (batch, ports, m) and damping ratios (batch or 1, m).
         """
-        n_in = shapes.shape[1] - self.n_out
-        if self.n_out * n_in > _FEW_PAIRS:
-            parts = np.empty((len(eigenvalues), self._lines, 2 * self.n_out * n_in))
-            self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), parts)
-            return parts.view(np.complex128).reshape(*parts.shape[:2], self.n_out, n_in)
-        lines = np.empty((len(eigenvalues), 2, self.n_out * n_in, self.omega.size))
-        self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(len(eigenvalues)), lines)
-        value = lines[:, 0] - 1j * self.omega * lines[:, 1]
-        pairs: ComplexArray = np.moveaxis(value[..., : self._lines], 1, 2)
-        return pairs.reshape(*pairs.shape[:2], self.n_out, n_in)
+        n, n_in = len(eigenvalues), shapes.shape[1] - self.n_out
+        parts = np.empty((n, self._lines, 2 * self.n_out * n_in))
+        self.run(eigenvalues, shapes, ratio, np.empty((self.n_out * n_in, 0)), np.empty(n), parts)
+        return parts.view(np.complex128).reshape(n, self._lines, self.n_out, n_in)
 
     def spread(self, eigenvalues: Array, ratio: Array, constants: Array, slopes: Array) -> ComplexArray:
         """Modal sums Σ R_r f_r, shape (k, lines, pairs), for constants R (k, pairs, m), f = 1/(λ − ω² + 2jζ√λω).
@@ -286,11 +280,11 @@ class ModalSum:
         total.imag += self._line_omega[:, None] * (self._polynomials.T @ (far.imag / at[:, None]))
         return total
 
-    def run(self, eigenvalues: Array, shapes: Array, ratio: Array, data: Array, chi2: Array, lines: Array) -> None:
-        """Fill `chi2`, or `lines` if it has any row; see `_evaluate_lines` and `_many_pairs`."""
+    def run(self, eigenvalues: Array, shapes: Array, ratio: Array, data: Array, chi2: Array, parts: Array) -> None:
+        """Fill `chi2`, or `parts` if it has any row; see `_evaluate_lines` and `_many_pairs`."""
         (_evaluate_lines if len(data) <= _FEW_PAIRS else _many_pairs)(
             eigenvalues, shapes, self.n_out, ratio, self.limit, self.nodes, self.omega2, self.omega, self.basis,
-            data, chi2, lines,
+            data, chi2, parts,
         )  # fmt: skip
 
     def lines(self, measured: ComplexArray, weight: Array) -> Array:
@@ -301,7 +295,7 @@ class ModalSum:
     def chi2(self, eigenvalues: Array, shapes: Array, ratio: Array, lines: Array) -> Array:
         """χ² = Σ |H − H^x|² w², shape (batch,), without any array over its lines; not finite where one is singular."""
         chi2 = np.empty(len(eigenvalues))
-        self.run(eigenvalues, shapes, ratio, lines, chi2, np.empty((0, 2, 0, 0)[: 4 - (len(lines) > _FEW_PAIRS)]))
+        self.run(eigenvalues, shapes, ratio, lines, chi2, np.empty((0, 0, 0)))
         return chi2
 
 
