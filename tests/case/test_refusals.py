@@ -18,7 +18,7 @@ from tests.case.test_modes import BASE as MODES
 from tests.case.test_modes import ZEROS
 from tests.case.test_several_tests import BASE
 from tests.case.test_shared_among_tests import HEARD_ALL
-from tests.case.test_structures import MATRICES, PORTAL, SPINDLE, text_of
+from tests.case.test_structures import CHAIN, LAPPED, MATRICES, PORTAL, SPINDLE, SPRINGS, STRAIGHT, text_of
 from tests.conftest import cheap_text, shipped_text
 from tests.structure.imported.fe_models import plane_beam
 
@@ -45,6 +45,9 @@ BASES = {
     "records": text_of_file(f'[data]\nkind = "measured_frf"\nfile = "hits.npz"\n{RECORDS}'),
     "measured frequencies": HEARD_ALL,
     "small beam": cheap_text(),
+    "chain": CHAIN + SPRINGS,
+    "lapped": LAPPED,
+    "straight": text_of(STRAIGHT, "tool.tip:y", "tool.tip:y"),
     "imported": IMPORTED,
     "imported tool": WITH_TOOL,
 }
@@ -65,6 +68,13 @@ def folder(tmp_path_factory):
     write_measurements(folder)
     stored(virtual(), folder / "tip.npz")
     save(plane_beam(20), folder / "beam.npz")
+    np.save(folder / "K.npy", np.array([[2e5, -1e4], [-2e4, 1e3]]))
+    np.save(folder / "M.npy", np.eye(3))
+    (folder / "K.csv").write_text("1,2\n3")
+    (folder / "K.txt").write_text("1")
+    for name, shape in (("huge", (10**6, 10**6)), ("beyond", (10**12, 10**12))):  # of which the file holds nothing
+        with (folder / f"{name}.npy").open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return folder
 
 
