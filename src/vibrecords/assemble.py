@@ -32,6 +32,7 @@ from vibrecords.signals.spectra import MadeFrfs, ShakerSettings, frfs_of_shaker
 from vibrecords.variance import RelativeNoise, coherence_variance
 from vibrecords.virtual_points import at_virtual_points
 from vibrecords.warnings.collector import find_warnings
+from vibrecords.warnings.kinds import warn
 
 #: χ² per degree of freedom up to which a modal fit is close enough to the FRFs to tell how large they are.
 _EXPLAINED = 10.0
@@ -317,10 +318,8 @@ def _apply_quantity(
             )
         if plan.quantity is not None and record.quantity not in (None, plan.quantity):
             says = f"the file says {record.quantity}" + (f" in {record.unit}" if record.unit else "")
-            found = f"{says} and the case {plan.quantity}, which was followed"
-            remedy = "take quantity away from [data], or make sure that the file is wrong"
-            warning = MeasurementWarning("quantity", found, remedy, record.where)
-            contradicted[record.quantity, record.unit] = warning
+            warning = warn("quantity_stated", says=says, stated=plan.quantity)
+            contradicted[record.quantity, record.unit] = replace(warning, key="quantity", where=record.where)
         stated.append(record if plan.quantity is None else replace(record, quantity=plan.quantity))
         if record.factor is None and plan.frequencies is None and not plan.free_gain:
             readings = " or ".join(two_readings(record.unit) or ())

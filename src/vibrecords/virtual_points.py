@@ -22,6 +22,7 @@ from vibrecords.arrays import Array
 from vibrecords.data import FrfData
 from vibrecords.errors import MeasurementError
 from vibrecords.provenance import MeasurementWarning
+from vibrecords.warnings.kinds import warn
 
 SIX = ("x", "y", "z", "rx", "ry", "rz")
 _ROUNDING = 1e-6  # of a unit motion: what sensors do not see, and what they leave over
@@ -141,13 +142,14 @@ def at_virtual_points(
             worst = int(np.flatnonzero(free)[fall.argmax()])
             sign = np.where(np.arange(len(own)) == worst, -1.0, 1.0)
             turned = np.linalg.norm((u * sign) @ left) < _TURNED * np.linalg.norm(u @ left)
-            found = (
-                f"the rigid motion of the face leaves more than {100 * _LARGE:g} % of the motion on {large.sum()} of "
-                f"{large.size} lines, from {frf.frequency_hz[large][0]:.6g} Hz; without {own[worst]} least is left"
-                + (", which points the other way" if turned else "")
+            first, count, sensor, most = frf.frequency_hz[large][0], large.sum(), own[worst], 100 * _LARGE
+            warning = warn(
+                "virtual_point_turned" if turned else "virtual_point",
+                percent=most,
+                count=count,
+                all=large.size,
+                first=first,
+                sensor=sensor,
             )
-            remedy = f"correct place and direction of {own[worst]}, or lower f_max_hz: the face bends"
-            if turned:
-                remedy = f"turn the sign of {own[worst]} in [data.channels]"
-            warnings.append(MeasurementWarning("virtual_point", found, remedy, where))
+            warnings.append(replace(warning, key="virtual_point", where=where))
     return measured, tuple(warnings), tuple(notes)

@@ -49,15 +49,15 @@ def test_every_table_of_a_message_is_one_of_the_schema():
 
 def test_every_warning_fills_the_braces_of_its_row_and_every_row_is_used():
     used = set()
-    trees = [
-        ast.parse(path.read_text(encoding="utf-8"))
-        for path in FILES
-        if path.parent.name == "warnings" and path.suffix == ".py"
-    ]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in FILES]
     for call in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)):
         if getattr(call.func, "id", "") == "warn":
             for key in (node.value for node in ast.walk(call.args[0]) if isinstance(node, ast.Constant)):
-                fields = {name for _, name, _, _ in Formatter().parse(KINDS[key]["found"]) if name}
+                words = KINDS[key]["found"] + KINDS[key]["remedy"]
+                fields = {name for _, name, _, _ in Formatter().parse(words) if name}
                 assert fields == {keyword.arg for keyword in call.keywords}, key
                 used.add(key)
     assert used == KINDS.keys()
+    assert [path.name for path, text in zip(FILES, SOURCES, strict=False) if " MeasurementWarning(" in text] == [
+        "kinds.py"
+    ]

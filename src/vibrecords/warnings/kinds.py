@@ -11,4 +11,4 @@ KINDS: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_suffix(".to
 def warn(key: str, **numbers: object) -> MeasurementWarning:
     """Return the warning of a key with its numbers in words."""
     kind = KINDS[key]
-    return MeasurementWarning(key, kind["found"].format(**numbers), kind["remedy"])
+    return MeasurementWarning(key, kind["found"].format(**numbers), kind["remedy"].format(**numbers))
