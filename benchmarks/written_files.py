@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, SensorQuantity
 from vibrecords.errors import MeasurementError
+from vibrecords.files import WRITTEN_BY
 from vibrecords.formats.uff_data_sets import AXIS_TYPES, NORMAL_MODES
 from vibrecords.formats.units import MOTION_OF, SI_SENSOR, si_frf_unit
 from vibrecords.formats.write import records_of_frf, write_table
-from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import Dof, FrfRecord, ModeRecord, Record, SpectrumRecord, TimeRecord, dof_label, parse_dof
 

@@ -26,6 +26,9 @@ except ImportError:  # Windows: whether another process is at work is not known
     fcntl = None  # type: ignore[assignment]
 
 HAS_LOCKS = fcntl is not None
+#: What files in the formats of other programs say of themselves, and how those begin that may be replaced.
+WRITTEN_BY = "written by: jointbayes"
+OURS = re.compile(rb"(?:#|\$|\*\*|!) written by: jointbayes\r?\n")
 #: File that says that a directory is ours, and of which kind.
 MARK = ".jointbayes"
 #: File that is locked while a process is at work in a directory; it names that process.

@@ -115,8 +115,7 @@ def inspect_command(
       jointbayes inspect hits.uff --band 20 2500 --figure hits.svg
     """
     show_stage(Progress("reading the file", str(file)), on_terminal_only=not file.is_file())
-    from vibrecords.files import write_whole_file
-    from vibrecords.formats.written_by import WRITTEN_BY
+    from vibrecords.files import WRITTEN_BY, write_whole_file
     from vibrecords.inspection import contents_text, inspect_file, resonances_text, with_resonances
 
     if figure is not None:

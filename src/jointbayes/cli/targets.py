@@ -72,7 +72,7 @@ def _is_same(one: Path, other: Path) -> bool:
 
 
 def _is_ours(file: Path) -> bool:
-    from vibrecords.formats.written_by import OURS, WRITTEN_BY
+    from vibrecords.files import OURS, WRITTEN_BY
 
     with file.open("rb") as stream:
         head = stream.read(200)

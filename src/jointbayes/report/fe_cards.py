@@ -20,7 +20,7 @@ from jointbayes.joint.joint import Joint
 from jointbayes.joint.quantities import DIRECTIONS, is_rotation
 from vibrecords.arrays import Array
 from vibrecords.errors import printable
-from vibrecords.formats.written_by import WRITTEN_BY
+from vibrecords.files import WRITTEN_BY
 
 Units = Literal["SI", "mm-N-t"]
 #: Millimetres for a metre, and what the system calls its units.

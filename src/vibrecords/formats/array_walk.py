@@ -17,31 +17,10 @@ from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.formats import units as known
 from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.matlab_5 import Unread
-from vibrecords.formats.named_arrays import (
-    ALIASES,
-    RATE_KEY,
-    Block,
-    axis_of,
-    is_complex,
-    is_text,
-    rises,
-    size_of,
-    square_error,
-    strings,
-    time_records,
-)
-from vibrecords.formats.names import float_of
+from vibrecords.formats.named_arrays import ALIASES, Block, axis_of, is_complex, is_text, rises, size_of, time_records
+from vibrecords.formats.names import RATE_KEY, float_of
 from vibrecords.formats.units import TIME_S, frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
-from vibrecords.records import (
-    HIGHEST_HZ,
-    MOST_AVERAGES,
-    CoherenceRecord,
-    FrfRecord,
-    ModeRecord,
-    Record,
-    SpectrumRecord,
-    is_two_sided,
-)
+from vibrecords.records import HIGHEST_HZ, CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord, is_two_sided
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.
 _MOST_RADIANS = 4 * np.pi
@@ -76,7 +55,7 @@ def frequency_records(block: Block) -> Iterator[FrfRecord | CoherenceRecord | Sp
         alone = not frfs and len(coherences) == 1
         given = _Values(name, block.numbers(name))
         for labels, lines, values, where, notes in _columns_of_frf(block, given, alone=alone):
-            yield CoherenceRecord(*labels, lines, values, _averages(block), where, notes)
+            yield CoherenceRecord(*labels, lines, values, block.averages(), where, notes)
     for name in block.named("spectrum"):
         array = block.numbers(name, np.complex128)
         if array.ndim < 3 and _axis(block, name, array.shape):
@@ -200,7 +179,7 @@ def _arrange(block: Block, name: str, values: NDArray[Any], lines: int) -> tuple
     if values.ndim == 0 or values.ndim > 3 or lines not in shape:
         raise refusal(where, f"shape {shape}", f"(lines, outputs, inputs) with {lines} lines", "correct the array")
     if shape.count(lines) > 1 and lines > 1 and not block.strings("outputs"):
-        raise square_error(block, name, shape, "lines", "frf")
+        raise block.square_error(name, shape, "lines", "frf")
     if shape[0] != lines:
         axis = shape.index(lines)
         values = np.moveaxis(values, axis, 0)
@@ -236,7 +215,7 @@ def _frf_records(block: Block, frf: _Values, coherence: str | None, *, alone: bo
         if len(squared) != len(columns):
             remedy = "store one coherence for each FRF"
             raise refusal(block.where(coherence), f"shape {arranged.shape}", f"{frf.values.shape} as the FRFs", remedy)
-    units, averages = block.units_of(frf.name, len(columns), alone=True), _averages(block)
+    units, averages = block.units_of(frf.name, len(columns), alone=True), block.averages()
     word, own = ", ".join(dict.fromkeys(block.strings("quantity"))).lower(), block.quantity_of(frf.name)
     if own not in get_args(Quantity) and word:
         require_one_of(get_args(Quantity), word, block.where("quantity"))
@@ -284,15 +263,6 @@ def _labels_of_axis(
     else:
         label = name
     return [label] if count == 1 else [f"{label} {i + 1}" for i in range(count)], [note]
-
-
-def _averages(block: Block) -> int | None:
-    if block.get("averages") is None:
-        return None
-    values, where = block.numbers("averages").ravel(), block.where("averages")
-    if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
-        raise refusal(where, values[:3].tolist(), f"one whole number from 1 to {MOST_AVERAGES}", "correct it")
-    return int(values[0])
 
 
 #: What modes are made of as pyOMA names it: the key of a layout, and the names that other programs give.
@@ -601,9 +571,9 @@ def _labels(about: Block, key: str) -> list[str]:
     """Labels of one channel or of several: texts, or structs with a label or name."""
     value, labels = about.get(key), []
     for item in value if isinstance(value, list) else [value]:
-        inner = Block(item) if isinstance(item, dict) else Block({"label": item})
-        named = (inner.get(name) for name in ("label", "name", "point_id", "id"))
-        labels += next((strings(text, about.where(key)) for text in named if is_text(text) and np.size(text)), [])
+        inner = Block(item if isinstance(item, dict) else {"label": item}, f"{about.place}{key}.")
+        named = (name for name in ("label", "name", "point_id", "id") if is_text(inner.get(name)))
+        labels += next(filter(None, map(inner.strings, named)), [])
     return labels
 
 

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from vibrecords.arrays import Array, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, refusal, require_one_of
 from vibrecords.formats.matlab_5 import ATTRIBUTE, Unread
-from vibrecords.formats.names import NAMES, float_of, words_of
+from vibrecords.formats.names import NAMES, RATE_KEY, float_of, words_of
 from vibrecords.formats.units import TIME_S, read_sensor_unit, scaled, unit_attribute
-from vibrecords.records import HIGHEST_HZ, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
+from vibrecords.records import HIGHEST_HZ, MOST_AVERAGES, MOST_RECORDS, TimeRecord, even_rate, is_two_sided
 
-#: Key of a layout that states what no file says.
-RATE_KEY = 'sample_rate_hz = "1024" with your own rate in Hz'
 #: Roles of axes of frequency and time.
 _AXIS_ROLES = ("frequency", "omega", "time")
 #: Names by which each array is known, the one we write first; compared without regard to case.
@@ -255,6 +253,21 @@ class Block:
         """Word for what an array of its own measures, where it is one we know."""
         word = self.string(f"{name.lower()}_quantity").lower()
         return word if word in (*get_args(Quantity), *get_args(SensorQuantity)) else ""
+
+    def averages(self) -> int | None:
+        """Number of averages, where the block tells it."""
+        if self.get("averages") is None:
+            return None
+        values, where = self.numbers("averages").ravel(), self.where("averages")
+        if values.size != 1 or not (1 <= values[0] <= MOST_AVERAGES) or values[0] != int(values[0]):
+            raise refusal(where, values[:3].tolist(), f"one whole number from 1 to {MOST_AVERAGES}", "correct it")
+        return int(values[0])
+
+    def square_error(self, name: str, shape: tuple[int, ...], what: str, key: str) -> MeasurementError:
+        """Refusal of an array that may lie either way."""
+        found = f"shape {shape}, of which either axis can be that of the {what}"
+        remedy = f'write {key} = "{self.path(name)}(:,1)" or "{self.path(name)}(1,:)" in [data.layout]'
+        return refusal(self.where(name), found, "it to be told by the shape", remedy)
 
     def _own_units(self, name: str) -> list[str]:
         """Texts under a name such as ``H_unit``, ``unit_H`` or ``frequency_units``, for an array of that name."""
@@ -495,17 +508,9 @@ def _along_time(block: Block, name: str) -> Array | None:
     if time is None:
         return _columns_of(block, name)
     if values.ndim == 2 and values.shape[0] == values.shape[1]:
-        raise square_error(block, name, values.shape, "instants", "response")
+        raise block.square_error(name, values.shape, "instants", "response")
     values = values.reshape(values.shape[0], -1)
     return values if len(values) == time.size else values.T
-
-
-def square_error(block: Block, name: str, shape: tuple[int, ...], what: str, key: str) -> MeasurementError:
-    """Refusal of an array that may lie either way."""
-    return MeasurementError(
-        f"{block.where(name)}: found shape {shape}, of which either axis can be that of the {what}; expected it to be "
-        f'told by the shape; write {key} = "{block.path(name)}(:,1)" or "{block.path(name)}(1,:)" in [data.layout]'
-    )
 
 
 def axis_of(

@@ -9,8 +9,7 @@ import numpy as np
 from vibrecords.arrays import Array, ComplexArray, complex_of
 from vibrecords.errors import MeasurementError, refusal
 from vibrecords.formats import table_text as headers
-from vibrecords.formats.names import float_of
-from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
+from vibrecords.formats.names import WINDOW_NOTE, float_of, stated_decay_rate
 from vibrecords.formats.table_text import Column, ColumnTable, Role, describe
 from vibrecords.formats.units import TIME_S, in_hz, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import MOST_AVERAGES, CoherenceRecord, FrfRecord, Record, SpectrumRecord, TimeRecord, even_rate

@@ -26,8 +26,7 @@ import numpy as np
 
 from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
-from vibrecords.formats.names import NAMES, float_of
-from vibrecords.formats.stated_window import WINDOW_NOTE, stated_decay_rate
+from vibrecords.formats.names import NAMES, WINDOW_NOTE, float_of, stated_decay_rate
 from vibrecords.formats.table_text import axis_role, bad_number, plain_text
 from vibrecords.formats.units import (
     MOTION_OF,

@@ -9,9 +9,8 @@ import numpy as np
 
 from vibrecords.arrays import Array
 from vibrecords.errors import MeasurementError, WriteError, placed, refusal, require_one_of
-from vibrecords.files import whole_file
+from vibrecords.files import WRITTEN_BY, whole_file
 from vibrecords.formats.units import SI_SENSOR, si_frf_unit
-from vibrecords.formats.written_by import WRITTEN_BY
 from vibrecords.frf_set import FrfSet
 from vibrecords.records import FrfRecord, Record, SpectrumRecord, TimeRecord
 
