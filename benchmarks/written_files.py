@@ -104,7 +104,7 @@ def _functions(record: Record) -> Iterator[_Function]:
 
 
 def _axis(quantity: SensorQuantity) -> tuple[int, str]:
-    return AXIS_TYPES[quantity], SI_SENSOR[quantity]
+    return AXIS_TYPES.get(quantity, 0), SI_SENSOR[quantity]
 
 
 def _write_function(file: BinaryIO, function: _Function, binary: bool) -> None:

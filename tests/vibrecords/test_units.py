@@ -7,8 +7,8 @@ from tests.vibrecords.reading import WORDS
 from vibrecords.formats.units import (
     ATOMS,
     FREQUENCY_HZ,
-    frequency_factor,
     frf_unit,
+    hertz_factor,
     parse_unit,
     read_frf_unit,
     sensor_unit,
@@ -66,8 +66,8 @@ def test_a_unit_has_the_factor_and_the_dimension_of_the_standard(label):
 
 @pytest.mark.parametrize("label", HERTZ)
 def test_a_frequency_axis_has_the_factor_of_the_standard(label):
-    assert frequency_factor(label) == pytest.approx(HERTZ[label], rel=PRINTED)
-    assert frequency_factor(f" [{label.upper()}] ") == frequency_factor(label)
+    assert hertz_factor(label) == pytest.approx(HERTZ[label], rel=PRINTED)
+    assert hertz_factor(f" [{label.upper()}] ") == hertz_factor(label)
 
 
 @pytest.mark.parametrize("label", [name for name, (_, powers) in NIST.items() if powers == FORCE])
@@ -116,7 +116,7 @@ def test_a_unit_of_no_frf_leaves_the_values_as_they_are_and_says_so(label):
     factor, quantity, notes = read_frf_unit(label)
     assert (factor, quantity) == (None, None)
     assert "left as written" in notes[0]
-    assert frf_unit(label) is frf_unit("") is sensor_unit("V") is frequency_factor("furlong") is None
+    assert frf_unit(label) is frf_unit("") is sensor_unit("V") is hertz_factor("furlong") is None
     assert read_frf_unit("") == (1.0, None, [])
 
 

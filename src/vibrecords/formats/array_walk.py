@@ -19,7 +19,7 @@ from vibrecords.formats.channel_units import sides_of
 from vibrecords.formats.matlab_5 import Unread
 from vibrecords.formats.named_arrays import ALIASES, Block, axis_of, is_complex, is_text, rises, size_of, time_records
 from vibrecords.formats.names import RATE_KEY, float_of
-from vibrecords.formats.units import TIME_S, frequency_factor, frf_unit, in_hz, parse_unit, read_frf_unit, scaled
+from vibrecords.formats.units import TIME_S, frf_unit, hertz_factor, in_hz, parse_unit, read_frf_unit, scaled
 from vibrecords.records import HIGHEST_HZ, CoherenceRecord, FrfRecord, ModeRecord, Record, SpectrumRecord, is_two_sided
 
 #: Phases beyond are in degrees: those of resonances in radians do not come near.
@@ -591,7 +591,7 @@ def _columns(
     role = next((role for role, words in _KINDS if re.search(words, word)), "")
     if not units[0] and not role and re.search("signal|time", word):
         seconds = 1.0
-    if seconds is None and frequency_factor(units[0]) is None and (units[0] or not role):
+    if seconds is None and hertz_factor(units[0]) is None and (units[0] or not role):
         step = (axis[-1] - axis[0]) / max(axis.size - 1, 1)
         raise MeasurementError(
             f"variable '{path}': found the unit {units[0]!r} of an axis of time or frequency; expected s or "

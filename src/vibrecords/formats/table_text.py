@@ -18,7 +18,7 @@ import numpy as np
 from vibrecords.arrays import Array, Quantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
 from vibrecords.formats.names import NAMES, NUMBER, float_of
-from vibrecords.formats.units import TIME_S, frequency_factor, is_of_two_signals, parse_unit, read_sensor_unit
+from vibrecords.formats.units import TIME_S, hertz_factor, is_of_two_signals, parse_unit, read_sensor_unit
 from vibrecords.records import MOST_COLUMNS, half_a_digit, require_short
 
 Role = Literal[
@@ -73,7 +73,7 @@ def axis_role(unit: str) -> Role | None:
     """Whether a unit is one of frequency or time."""
     if unit.strip("[]() ").lower() in TIME_S:
         return "time"
-    return "frequency" if frequency_factor(unit) is not None else None
+    return "frequency" if hertz_factor(unit) is not None else None
 
 
 def column_of(header: str) -> Column:

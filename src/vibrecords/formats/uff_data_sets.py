@@ -28,15 +28,7 @@ from vibrecords.arrays import Array, ComplexArray, Quantity, SensorQuantity
 from vibrecords.errors import MeasurementError, refusal, require_at_most
 from vibrecords.formats.names import NAMES, WINDOW_NOTE, float_of, stated_decay_rate
 from vibrecords.formats.table_text import axis_role, bad_number, plain_text
-from vibrecords.formats.units import (
-    MOTION_OF,
-    TIME_S,
-    frequency_factor,
-    frf_unit,
-    read_frf_unit,
-    read_sensor_unit,
-    scaled,
-)
+from vibrecords.formats.units import MOTION_OF, TIME_S, frf_unit, hertz_factor, read_frf_unit, read_sensor_unit, scaled
 from vibrecords.records import (
     MOST_BYTES,
     MOST_RECORDS,
@@ -54,13 +46,7 @@ from vibrecords.records import (
 )
 
 #: Specific data types of the format.
-AXIS_TYPES: dict[SensorQuantity, int] = {
-    "unknown": 0,
-    "displacement": 8,
-    "velocity": 11,
-    "acceleration": 12,
-    "force": 13,
-}
+AXIS_TYPES: dict[SensorQuantity, int] = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
 #: Function, version and degrees of freedom, columns apart by blanks: whatever the widths of columns, it is read alike.
@@ -480,7 +466,7 @@ def _count_message(header: FunctionHeader, actual: str) -> str:
 Q = TypeVar("Q")
 
 #: 9 is an excitation force.
-_SENSORS: dict[int, SensorQuantity] = {9: "force", **{kind: sensor for sensor, kind in AXIS_TYPES.items() if kind}}
+_SENSORS: dict[int, SensorQuantity] = {9: "force", **{kind: sensor for sensor, kind in AXIS_TYPES.items()}}
 _QUANTITIES = {AXIS_TYPES[motion]: quantity for quantity, motion in MOTION_OF.items()}
 
 
@@ -880,7 +866,7 @@ def _coherence(source: _UniversalFile, data_set: UffDataSet, place: Place) -> Co
 
 def _frequency_hz(abscissa: Array, header: FunctionHeader, notes: list[str]) -> Array:
     unit = header.abscissa.unit
-    factor = frequency_factor(unit) if unit else 1.0
+    factor = hertz_factor(unit) if unit else 1.0
     if factor is None:
         notes.append(f"unit {unit!r} of the frequency not understood, taken as Hz")
     elif factor != 1:

@@ -280,7 +280,7 @@ def scaled(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
         return np.asarray((parts.view(np.float64) * factor).view(parts.dtype))
 
 
-def frequency_factor(label: str) -> float | None:
+def hertz_factor(label: str) -> float | None:
     """Factor to Hz of the unit of a frequency axis, or None where it is not understood."""
     return FREQUENCY_HZ.get(label.strip().strip("[]()").strip().lower())
 
@@ -293,7 +293,7 @@ def in_hz(lines: NDArray[np.float64], unit: str, where: str, remedy: str) -> tup
     MeasurementError
         If the unit is not understood.
     """
-    factor = frequency_factor(unit)
+    factor = hertz_factor(unit)
     if factor is None:
         raise refusal(where, f"the unit {unit!r}", "Hz or rad/s", remedy)
     with np.errstate(over="ignore"):
