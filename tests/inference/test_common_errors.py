@@ -13,23 +13,14 @@ from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
 from jointbayes.inference.common_errors import with_common_errors
 from jointbayes.joint import Joints
+from tests.case.refusal_rows import parts_named
 from tests.euler_beam import euler_beam
 from tests.oracles import differences
 from vibrecords import Antiresonances, FrequencyData, ModeData, ModeShapes, Observed
 
 STIFFNESS = np.array([2e7, 3e4])
 LENGTH = 0.3
-BEAM = """
-title = "A beam of 300 mm"
-structure = { length_mm = LENGTH, section = { shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }, \
-youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, damping = { law = "modal", ratio = 0.01 } }
-joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
-prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e9 }
-prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e6 }
-uncertain.length.sd_percent = 0.5
-uncertain.model_error = {}
-data = { kind = "natural_frequencies", frequencies_hz = [100.0, 500.0, 1500.0], sd_relative = 0.0001 }
-"""
+BEAM = parts_named("rooms")["inference/common_errors beam"]
 
 
 def problem_of(length=LENGTH, data=None, height=16.0, **sizes):

@@ -7,11 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate, stats
 
-from jointbayes.errors import ModelError
 from jointbayes.inference import JointPrior, Normal, Nuisance, OfStiffness, Uniform
-from jointbayes.joint import ElasticCentre, LogStiffness, SignedCoupling
+from jointbayes.joint import LogStiffness
 from jointbayes.posterior.verdicts import bounds_within_reach
-from tests.one_line import refused
 
 
 class OfLogarithm:
@@ -79,31 +77,6 @@ def test_a_guess_is_right_to_within_its_decades_with_95_per_cent(decades):
     prior = Normal.from_decades(1e9, decades)
     below, above = prior.cdf(np.log([1e9 / 10**decades, 1e9 * 10**decades]))
     assert (above - below, prior.mean) == pytest.approx((0.95, np.log(1e9)), abs=1e-12)
-
-
-def far_from_any_joint():
-    """k12 far above what k11 and k22 allow."""
-    return JointPrior(LogStiffness(), tuple(Normal(m, 0.01) for m in (1.0, 9.0, 1.0)))
-
-
-@pytest.mark.parametrize(
-    ("words", "broken"),
-    [
-        *(("sd > 0", lambda own=own: Normal(*own)) for own in [(0.0, 0.0), (0.0, -1.0), (np.nan, 1.0), (0.0, np.inf)]),
-        *(("both above 0", lambda own=own: Normal.from_decades(*own)) for own in [(0.0, 1.0), (1e9, 0.0)]),
-        *(("low < high", lambda own=own: Uniform(*own)) for own in [(1, 1), (2, 1), (np.nan, 1), (0, np.inf)]),
-        *(("expected a distribution of k", lambda own=own: OfStiffness(own))
-          for own in (Uniform(-3.0, -1.0), Normal(-1.0, 1e-3), OfStiffness(Uniform(1.0, 2.0)))),
-        ("", lambda: JointPrior(LogStiffness(), (Normal(0.0, 1.0),) * 2)),
-        ("", lambda: far_from_any_joint().sample(np.random.default_rng(1), 10)),
-        *((f"prior of {name}: ", lambda kind=kind: JointPrior(kind, (OfStiffness(Uniform(1e6, 1e9)),) * 3))
-          for name, kind in (("rho", SignedCoupling()), ("arm", ElasticCentre()))),
-        ("not the logarithm of", lambda: JointPrior(ElasticCentre(), (OfStiffness(Uniform(1e6, 1e9)),) * 3)),
-        ("expected a prior on", lambda: Nuisance("density", "kg/m³", 7800.0, OfStiffness(Uniform(1.0, 2.0)))),
-    ],
-)  # fmt: skip
-def test_impossible_priors_are_refused_in_one_line(words, broken):
-    refused(broken, ModelError, words)
 
 
 @pytest.mark.science

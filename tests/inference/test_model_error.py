@@ -11,6 +11,7 @@ import jointbayes as jb
 from jointbayes.case.case import case_from_text
 from jointbayes.errors import CaseError
 from jointbayes.inference import ErrorSizes, ModelErrorNoise
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, edited
 from tests.oracles import differences
 from tests.science.calibration import simulated_problem
@@ -108,18 +109,7 @@ def test_the_size_of_the_error_is_drawn_as_residuals_leave_it():
     assert np.median(small) < SIZES.frequency < 0.008 < np.median(large) < 0.03
 
 
-LEVELS = """
-extends = "clamped_beam_frequencies_360mm.toml"
-title = "One clamp at two torques"
-joint = { kind = "springs", dofs = ["1:y", "1:rz"], own = true }
-prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
-prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
-data = { kind = "natural_frequencies", frequencies_hz = [FIRST], sd_relative = 0.0002, sd_hz = 0.0 }
-uncertain.model_error = { frequency_error = 0.004, error_factor = 2.0 }
-uncertain.exact = ["youngs_modulus", "density", "length"]
-tests.low = {}
-tests.high.data.frequencies_hz = [SECOND]
-"""
+LEVELS = parts_named("rooms")["inference/model_error levels"]
 WRONG = 1 + np.array([0.004, -0.005, 0.003])  # predicted frequencies, at both levels
 LOOSE, TIGHT = {"low.ky": 5e7, "low.krz": 5e4}, {"high.ky": 5e7, "high.krz": 5.5e4}
 

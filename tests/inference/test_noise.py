@@ -12,13 +12,11 @@ from scipy import integrate, stats
 import jointbayes as jb
 from jointbayes.inference import GaussianNoise, IntegratedScale, ProportionalNoise, ScaledNoise
 from jointbayes.inference.likelihood_base import ComplexResidual
-from jointbayes.inference.noise.base import NoiseChoice
-from jointbayes.inference.noise.proportional import RANGE, noise_of
+from jointbayes.inference.noise.proportional import RANGE
 from jointbayes.posterior.evidence import evidence_about_modes
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited
-from tests.one_line import refused
-from vibrecords import FrequencyData, FrfData, FrfSet
+from vibrecords import FrfData, FrfSet
 from vibrecords.variance import coherence_variance
 
 LINES = 40
@@ -170,19 +168,6 @@ def test_long_records_of_heavy_tails_do_not_overflow():
     assert_allclose(huge, -2 * 20000 * math.log(1e60), rtol=1e-10)
 
 
-def test_impossible_models_are_refused():
-    z = np.zeros((1, 40, 1), dtype=complex)
-    for broken, words in (
-        (lambda: GaussianNoise(3), "parts"),
-        (lambda: jb.StudentNoise(2, 0.0), "degrees of freedom"),
-        (lambda: IntegratedScale(2, 2.0, math.nan), "scale"),
-        (lambda: ScaledNoise(2).log_likelihood(np.zeros((2, 3, 1)), np.ones((2, 2))), "hyperparameters"),
-        (lambda: IntegratedScale(2).pointwise(z, np.ones((1, 0))), "pointwise densities"),
-        (lambda: noise_of(NoiseChoice(), 1, FrequencyData([100.0], [1.0])), "expected FRFs"),
-    ):
-        refused(broken, jb.ModelError, words)
-
-
 # an error in proportion to |H|
 
 ERROR = 0.05
@@ -318,20 +303,3 @@ def test_residuals_over_an_estimated_variance_are_student_t():
     scores = jb.StudentNoise(2, 2.0 * (averages - 1)).scores(z.T[:, :, None], np.empty((2000, 0)))
     assert stats.kstest((np.abs(scores) ** 2).ravel(), "expon").pvalue > 1e-3
     assert stats.kstest((np.abs(z) ** 2).ravel(), "expon").pvalue < 1e-6  # Gaussian they are not
-
-
-@pytest.mark.parametrize(
-    ("coherence", "averages", "message"),
-    [
-        (None, 5, "no coherence"),
-        ([0.9, 0.9], None, "number of averages"),
-        ([1.0, 1.0], 1, "1 average"),
-        ([1.0, 1.0], 5, "coherence of 1 at every line of '1:y'"),
-        ([0.9, 0.0], 5, "coherence of 0 at 2 Hz"),
-    ],
-)
-def test_coherence_that_tells_nothing_of_the_noise_is_refused(coherence, averages, message):
-    array = None if coherence is None else np.array(coherence)[:, None, None]
-    frf = FrfSet(np.array([1.0, 2.0]), np.ones((2, 1, 1)), ("1:y",), ("1:y",), "receptance", array, averages)
-    with pytest.raises(jb.MeasurementError, match=message):
-        coherence_variance(frf)

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import jointbayes as jb
 from jointbayes.inference import ScaledNoise
-from jointbayes.structure import ModalDamping
 
 
 @pytest.fixture(scope="module")
@@ -34,24 +32,3 @@ def test_what_a_problem_has_itself_can_be_replaced(problem):
     assert replace(problem, prior=problem.prior, tests=problem.tests).names == problem.names
     changed = problem.with_test(noise=MORE["noise"])
     assert replace(changed, name="other").test.noise is MORE["noise"]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (lambda p: {"data": p.test.data.frf}, r"found as data FrfSet; expected .* jb\.FrfData\(frf, variance\)$"),
-        (lambda p: {"structure": np.eye(3)}, r"found as structure ndarray; expected a body, such as jb\.BeamFamily"),
-        (lambda p: {"noise": "student"}, r"found as noise 'student'; expected a noise model of jointbayes\.inference"),
-        (lambda p: {"prior": jb.LogStiffness()}, r"found as prior LogStiffness; expected jb\.JointPrior\("),
-    ],
-)
-def test_each_part_of_a_problem_is_of_its_kind(problem, wrong, message):
-    parts = {"structure": problem.test.structure, "joint": problem.test.joints, "data": problem.test.data}
-    with pytest.raises(jb.ModelError, match=message):
-        jb.Problem(**({"prior": problem.prior} | parts | wrong(problem)))
-
-
-@pytest.mark.parametrize("ratio", [0.01, "0.01", None])
-def test_a_lone_damping_ratio_is_asked_for_as_a_sequence(ratio):
-    with pytest.raises(jb.ModelError, match=r"modal damping: found .*; expected a sequence of ratios, such as \("):
-        ModalDamping(ratio)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import signal, special, stats
 
-from jointbayes.errors import ModelError
 from jointbayes.inference import GaussianNoise, IntegratedScale, NoiseModel, ScaledNoise, StudentNoise
 from jointbayes.posterior.checks import (
     COLUMNS,
@@ -209,20 +208,6 @@ def test_of_natural_frequencies_with_an_inferred_scale_the_size_is_no_test(noise
     assert (check.finding, check.absorbs) == ("explained", "size")
     assert check.chi2_per_line == pytest.approx(1, abs=0.3)
     assert float(check.inferred[0].split()[5]) == pytest.approx(hyper.mean() if hyper.size else 20, rel=0.3)
-
-
-@pytest.mark.parametrize("shape", [(0, 5, 1), (3, 1, 1), (3, 5), (3, 5, 0)])
-def test_nothing_to_check_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ModelError, match="posterior check"):
-        check_frfs(GaussianNoise(2), np.zeros(shape, dtype=complex), np.empty((shape[0], 0)), np.random.default_rng(1))
-
-
-def test_residuals_that_are_no_numbers_are_refused() -> None:
-    z = np.full((1, 5, 1), np.nan)
-    with pytest.raises(ModelError, match="finite"):
-        checked(GaussianNoise(1), z, [])
-    with pytest.raises(ModelError, match="finite"):
-        check_frequencies(z[0])
 
 
 #: Ljung-Box statistics of white records, by their law's quantiles.

@@ -7,37 +7,12 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.posterior.prediction import left_out_of, predict_left_out, sentence_of_left_out
+from tests.case.refusal_rows import parts_named
 from tests.conftest import cli
 
 # three masses on three equal springs: one unknown
-CHAIN = """
-[structure]
-kind = "chain"
-masses_kg = { 1 = 1.0, 2 = 1.0, 3 = MASS }
-damping = { law = "modal", ratio = 0.02 }
-[joints.a]
-kind = "springs"
-dofs = ["1:x"]
-prior.kx = { distribution = "log_uniform", low = 1e3, high = 1e7 }
-[joints.b]
-kind = "springs"
-dofs = ["2:x"]
-against = ["1:x"]
-shared = "a"
-[joints.c]
-kind = "springs"
-dofs = ["3:x"]
-against = ["2:x"]
-shared = "a"
-"""
-MODES = """
-[data]
-kind = "natural_frequencies"
-frequencies_hz = FREQUENCIES
-sd_relative = 0.002
-[left_out]
-modes = [2, 3]
-"""
+CHAIN = parts_named("rooms")["posterior/left_out chain"]
+MODES = parts_named("rooms")["posterior/left_out modes"]
 ERROR = "[uncertain.model_error]\nfrequency_error = 0.004\nerror_factor = 1.000001\n"
 K = 1e5
 

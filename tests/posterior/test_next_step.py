@@ -350,7 +350,8 @@ def test_plan_prints_the_ranking_whose_first_row_is_next_of_page_one(name, reque
 
 @pytest.mark.whole
 @pytest.mark.parametrize(("name", "worth"), [
-    ("measured_rotation", True), ("spindle_tool", True), ("clamped_beam_frequencies", False),
+    ("measured_rotation", True), pytest.param("spindle_tool", True, marks=pytest.mark.long),
+    ("clamped_beam_frequencies", False),
 ])  # fmt: skip
 def test_next_on_page_one_of_a_shipped_case_is_the_first_row_of_plan(name, worth):
     posterior = jb.sample(CONFIGS / f"{name}.toml", seed=1)

@@ -14,30 +14,12 @@ from jointbayes.posterior.model_errors import model_error_of
 from jointbayes.rounding import number
 from jointbayes.studies.lobes import Cut, limiting_depth
 from jointbayes.studies.predict import joint_sentences, read_other
+from tests.case.refusal_rows import parts_named
 from tests.conftest import TO_CONVERGE, cli, shipped_text
-from tests.one_line import refused
 
 TIP = jb.Ports(np.arange(20.0, 1200.0, 10.0), ("11:y",), ("11:y",))
-ASKED = """
-[predict]
-outputs = ["11:y"]
-inputs = ["11:y"]
-f_min_hz = 20
-f_max_hz = 1200
-f_step_hz = 10
-"""
-LOBES = """
-[predict.lobes]
-x = "11:y"
-y = "11:y"
-teeth = 3
-kt_mpa = 600
-kr = 0.2
-immersion = 0.25
-milling = "down"
-speed_min_rpm = 3000
-speed_max_rpm = 9000
-"""
+ASKED = parts_named("rooms")["posterior/other_structure asked"]
+LOBES = parts_named("rooms")["posterior/other_structure lobes"]
 
 
 def recipe_of(posterior):
@@ -69,9 +51,6 @@ def test_a_body_a_problem_and_a_posterior_of_it_are_predicted_as_its_recipe_is(c
         found = cheap_posterior.predict(other, TIP, max_draws=5)
         np.testing.assert_allclose(found.frequency_hz, expected.frequency_hz, rtol=1e-6)
         np.testing.assert_allclose(found.values, expected.values, rtol=1e-5)
-    uncertain = [jb.Nuisance("density", "kg/m³", 7800.0, jb.Normal(0.0, 0.01))]
-    refused(lambda: cheap_posterior.predict(body, TIP, uncertain=uncertain), jb.ModelError, "found density of a body")
-    refused(lambda: cheap_posterior.predict("beam", TIP), jb.ModelError, "prediction: found as structure 'beam'")
 
 
 def test_natural_frequencies_of_another_length_are_those_of_dense_modes_of_each_draw(cheap_posterior):
@@ -158,20 +137,6 @@ def test_what_was_never_asked_of_the_joint_is_said(cheap_posterior):
     spatial = replace(recipe, dofs_per_node=5)
     (said,) = cheap_posterior.predict(spatial, below).never_asked
     assert "holds 1 along x, z, ry" in said
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"joint": jb.Joint(("1:y",))}, "a joint at 1 DOFs for the stiffnesses of one at 2"),
-        ({"uncertain": [jb.Nuisance("thickness", "1", 1.0, jb.Normal(0, 0.1))]}, "thickness"),
-        ({"ports": None}, "found as ports"),
-    ],
-)
-def test_what_cannot_be_predicted_is_refused(cheap_posterior, change, words):
-    arguments = {"structure": recipe_of(cheap_posterior), "ports": TIP} | change
-    with pytest.raises(jb.ModelError, match=words):
-        cheap_posterior.predict(**arguments)
 
 
 def test_another_material_has_a_modulus_of_its_own(wrong_model):

@@ -248,6 +248,11 @@ def test_thinning_keeps_draws_of_every_chain(cheap_posterior):
     assert len(set(chain_of.tolist())) > 32
 
 
+def test_numbers_of_numpy_are_numbers(cheap_posterior):
+    assert cheap_posterior.interval("k12", np.float64(0.5)) == cheap_posterior.interval("k12", 0.5)
+    assert cheap_posterior.predict_frf(jb.Ports([100.0], ("5:y",), ("5:y",)), max_draws=np.int64(4)).magnitude.size == 1
+
+
 # ---- file and ArviZ
 
 

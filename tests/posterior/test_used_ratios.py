@@ -12,21 +12,11 @@ from jointbayes.case.case import case_from_text
 from jointbayes.inference import ErrorSizes, UsedMode
 from jointbayes.posterior.decision import FARTHEST_RATIO, modes_problem, premises_sentences, shapes_of, with_ratios
 from jointbayes.posterior.storage import problem_arrays, problem_from
+from tests.case.refusal_rows import parts_named
 from vibrecords.modal_ratios import MotionRatio
 
 TRUTH = np.array([4e7, 6e4])
-CASE = """
-title = "A beam with two sensors"
-structure = { length_mm = 300.0, section = { shape = "rectangle", width_mm = 30.0, height_mm = 16.0 }, \
-youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, damping = { law = "modal", ratio = 0.01 } }
-joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
-prior.ky = { distribution = "log_uniform", low = 1e7, high = 1e9 }
-prior.krz = { distribution = "log_uniform", low = 1e4, high = 5e5 }
-uncertain.length.sd_percent = 0.5
-data = { kind = "synthetic_frf", outputs = ["6:y", "11:y"], inputs = ["11:y"], \
-truth.stiffness = { ky = 4e7, krz = 6e4 }, \
-f_min_hz = 20.0, f_max_hz = 3000.0, f_step_hz = 2.0, noise = { relative = 0.01, floor = 0.001, seed = 3 } }
-"""
+CASE = parts_named("rooms")["posterior/used_ratios case"]
 
 
 @pytest.fixture(scope="module")

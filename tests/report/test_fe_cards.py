@@ -17,6 +17,7 @@ from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint
 from jointbayes.report.fe_cards import PROGRAMS, fe_cards, joint_element
 from jointbayes.structure import ModalDamping, Section, beam
+from tests.case.refusal_rows import parts_named
 from tests.conftest import STEEL
 
 K2 = np.array([[2.0e6, 3.0e3], [3.0e3, 40.0]])
@@ -225,23 +226,7 @@ needs_ccx = pytest.mark.skipif(
     reason="CalculiX (ccx, package calculix-ccx) is not installed: its cards are read by nobody",
 )
 #: A cube of steel that each node of the joint moves as a rigid body: reference node, and node of its rotations.
-CUBE = """*NODE
-{0}1, 0., 0., 0.
-{0}2, 1., 0., 0.
-{0}3, 1., 1., 0.
-{0}4, 0., 1., 0.
-{0}5, 0., 0., 1.
-{0}6, 1., 0., 1.
-{0}7, 1., 1., 1.
-{0}8, 0., 1., 1.
-{0}01, 0., 0., 0.
-{0}02, 0., 0., 0.
-*ELEMENT, TYPE=C3D8, ELSET=CUBES
-{0}, {0}1, {0}2, {0}3, {0}4, {0}5, {0}6, {0}7, {0}8
-*NSET, NSET=N{0}
-{0}1, {0}2, {0}3, {0}4, {0}5, {0}6, {0}7, {0}8
-*RIGID BODY, NSET=N{0}, REF NODE={0}01, ROT NODE={0}02
-"""
+CUBE = parts_named("rooms")["report/fe_cards cube"]
 CUBES = "*MATERIAL, NAME=STEEL\n*ELASTIC\n2.1E11, 0.3\n*SOLID SECTION, ELSET=CUBES, MATERIAL=STEEL\n"
 
 
@@ -368,24 +353,6 @@ def test_comments_are_ascii_and_short():
         assert all(line.startswith(sign) and len(line) <= 80 for line in above)
         assert "mm, N, t, s" in text
         assert "k12 > 0" in text
-
-
-@pytest.mark.parametrize(
-    ("joint", "held", "nodes", "said"),
-    [
-        (Joint(("footA:y",)), (), {}, r"DOF footA:y: found no node with a number .* --node footA=NUMBER"),
-        (Joint(("1:s",)), (), {}, "DOF 1:s: found no node with a number from 1 to 99999999 and a direction x, y"),
-        (Joint(("123456789:y",)), (), {}, "DOF 123456789:y: found no node"),
-        (Joint(("0:y",)), (), {}, "DOF 0:y: found no node"),
-        (Joint(("1:y",)), (), {"1": -5}, "DOF 1:y: found no node"),
-        (Joint(("1:y",)), (0,), {}, "joint 1:y to ground: found every direction rigid; expected a stiffness"),
-        (Joint(("a:y",), ("b:y",)), (), {"a": 3, "b": 3}, "found one number for two nodes; expected one for each"),
-    ],
-)
-def test_a_joint_without_cards_is_refused_in_one_line(joint, held, nodes, said):
-    with pytest.raises(ModelError, match=said) as caught:
-        joint_element(joint, np.eye(joint.size), held, "SI", nodes)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_rigid_direction_is_left_out():

@@ -186,37 +186,3 @@ def test_one_of_several_frfs_is_named(cheap_posterior, axes):
     two = jb.FrfSet(frf.frequency_hz, np.repeat(frf.values, 2, axis=1), ("5:y", "4:y"), frf.inputs, frf.quantity)
     assert jb.plot_frf(two, "4:y", ax=axes).get_title() == "4:y / 5:y"
     assert jb.plot_frf(frf, ax=Canvas().subplots()).get_title() == ""
-
-
-@pytest.mark.parametrize(
-    ("draw", "message"),
-    [
-        (lambda p, _, two: jb.plot_frf(p, ax=two), "figure: found 2 axes; expected 1 Axes; make them by pyplot"),
-        (lambda p, _, two: jb.plot_intervals(p, ax=list(two)), "figure: found 2 axes; expected 1 Axes"),
-        (lambda p, _, two: jb.plot_residuals(p, ax=two[0].figure), "figure: found Figure; expected 1 Axes"),
-        (
-            lambda p, _, two: jb.plot_traces(p, axes=two),
-            r"figure: found 2 axes; expected 3 Axes; .*pyplot\.subplots\(3\)",
-        ),
-        (lambda p, _, two: jb.plot_iteration(p.estimate.iteration, axes=two), "figure: found 2 axes; expected 4 Axes"),
-        (
-            lambda p, _, two: jb.plot_corner(p, fig=two[0].figure),
-            "plot_corner: found Figure; expected a Figure without",
-        ),
-        (lambda p, _, two: jb.plot_corner(p, fig=two[0]), "plot_corner: found Axes; expected a Figure without axes"),
-        (lambda p, *_: jb.plot_frf(p.estimate), "plot_frf: found MapEstimate; expected a posterior, a problem or an"),
-        (lambda p, *_: jb.plot_iteration(None), r"plot_iteration: found None; expected .* make it by jb\.identify"),
-        (lambda p, *_: jb.plot_frf(p, "1:y"), "found DOF '1:y'; expected one of 5:y; correct the label"),
-        (lambda p, *_: jb.plot_frf(p, test="cold"), "found test 'cold'"),
-        (
-            lambda _, f, two: jb.plot_frf(f),
-            "found natural frequencies; expected FRFs; draw plot_frequencies or plot_intervals",
-        ),
-        (lambda _, f, two: jb.plot_residuals(f), "found natural frequencies; expected FRFs"),
-        (lambda p, *_: jb.plot_mode_shape(p, 99), r"found mode 99; expected one of \d+ of the model"),
-    ],
-)
-def test_what_cannot_be_drawn_is_told_in_one_line(draw, message, cheap_posterior, frequency_posterior):
-    with pytest.raises(jb.JointBayesError, match=message):
-        draw(cheap_posterior, frequency_posterior, Canvas().subplots(2))
-    assert pyplot.get_fignums() == []

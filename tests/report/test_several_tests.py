@@ -21,30 +21,15 @@ from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph
 from jointbayes.report.sections.run_details import starts_section
 from jointbayes.report.sections.several_tests import ratios_of_tests, section_of_test
+from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.case.test_several_tests import HEARD as OF_PEAKS
 from tests.conftest import TABLE_3, cli
 from tests.report.conftest import posterior_about
 from vibrecords.provenance import Provenance
 
-HEARD = """
-[tests.heard.structure]
-length_mm = 200.0
-[tests.heard.data]
-kind = "natural_frequencies"
-frequencies_hz = [437.5, 2623.0]
-sd_relative = 0.0
-sd_hz = 3.0
-"""
-TORQUES = """
-[tests.tight]
-[tests.tight.data.truth]
-k22 = 2.2e6
-[tests.loose]
-[tests.loose.data.truth]
-k22 = 0.6e6
-[tests.usual]
-"""
+HEARD = parts_named("rooms")["report/several_tests heard"]
+TORQUES = parts_named("rooms")["report/several_tests torques"]
 OWN = BASE.replace("[joint]", "[joint]\nown = true")
 
 

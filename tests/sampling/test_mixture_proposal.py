@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jointbayes.errors import SamplingError
 from jointbayes.sampling import NormalScores, StudentT, distributions, fit_proposal, importance_efficiency
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import Pool, StudentMixture, first_mixture, most_likely_mixture, resampled, split
-from tests.sampling.test_proposal import MEAN, SCALE, fitted, wall
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
 RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)
@@ -166,26 +164,3 @@ class TestTruncatedWeights:
         first = np.bincount([one[0] for one in picked], minlength=3) / 4000
         np.testing.assert_allclose(first, [0.1, 0.2, 0.7], atol=0.03)
         assert len(distributions.drawn_without_replacement(np.zeros(3), 9, rng)) == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "kind", "arguments"),
-    [
-        *(("Student-t", StudentT, (mean, scale, dof)) for mean, scale, dof in [
-            (MEAN, np.eye(2), 5.0), (MEAN[None], SCALE, 5.0), (np.zeros(0), np.zeros((0, 0)), 5.0),
-            (np.full(3, np.nan), SCALE, 5.0), (MEAN, np.full((3, 3), np.inf), 5.0), (MEAN, SCALE, 0.0),
-            (MEAN, SCALE, np.nan), (MEAN, np.diag([1.0, 1.0, -1.0]), 5.0),
-        ]),
-        *(("normal scores", NormalScores, ends) for ends in [([0.0], [0.0]), ([0.0, 1.0], [2.0]), ([np.nan], [1.0])]),
-        *(("proposal", fitted, (wall, *start)) for start in [
-            (np.zeros(2), np.eye(3)), (np.full(2, np.nan), np.eye(2)), (np.zeros((1, 2)), 1.0),
-        ]),
-        *(("proposal", fit_proposal, (unequal_modes, *given, np.random.default_rng(1))) for given in [
-            ([], BOTH), ([None], ()),
-        ]),
-    ],
-)  # fmt: skip
-def test_what_is_impossible_is_refused_in_one_line(name, kind, arguments):
-    with pytest.raises(SamplingError, match=rf"^{name}: found .*; expected ") as caught:
-        kind(*arguments)
-    assert "\n" not in str(caught.value)

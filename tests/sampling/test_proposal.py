@@ -168,10 +168,6 @@ class TestRobustness:
         found = fitted(lambda t: np.where(feasible(t), 0.0, -np.inf), theta, np.eye(3), coordinates)
         assert 0.0 <= found.efficiency <= 1.0
 
-    def test_a_log_density_that_is_nan_is_refused(self):
-        with pytest.raises(SamplingError, match="log-density: found nan"):
-            fitted(lambda x: np.full(len(x), np.nan), np.zeros(2), np.eye(2))
-
 
 class TestMixture:
     def test_share_falls_with_the_efficiency(self):

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import jointbayes as jb
+from tests.case.refusal_rows import parts_named
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = ROOT / "configs" / "clamped_beam.toml"
@@ -19,23 +20,8 @@ _MEDIANS = {"k11": 5.05e9, "k12": 3.44e7, "k22": 1.52e6}
 #: Of ln k: a factor of 7 either way, 95 % sure.
 SD_LOG = 1.0
 
-_BEAM = """
-[uncertain.youngs_modulus]
-sd_percent = 2.0
-[uncertain.length]
-sd_percent = 0.5
-[uncertain.density]
-sd_percent = 1.0
-[uncertain.damping_ratio]
-low_factor = 0.3
-high_factor = 3.0
-"""
-_SCALE = """
-[noise]
-scale = "sampled"
-scale_low_factor = 0.3
-scale_high_factor = 3.0
-"""
+_BEAM = parts_named("rooms")["science/calibration_data beam"]
+_SCALE = parts_named("rooms")["science/calibration_data scale"]
 
 #: What each variant adds to the case with an uncertain joint and nothing else.
 VARIANTS = {"joint": "", "nuisances": _BEAM, "noise scale": _SCALE, "all": _BEAM + _SCALE}

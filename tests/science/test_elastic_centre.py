@@ -5,13 +5,11 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.joint import ElasticCentre
+from tests.case.refusal_rows import parts_named
 from tests.conftest import cheap_text, edited
 
 # An arm and a stiffness about the centre that hold nearly all of the posterior under the cheap case's own priors.
-CENTRE = """[prior]
-arm = { distribution = "uniform", low = 0.0, high = 0.05 }
-k22c = { distribution = "log_uniform", low = 1e5, high = 1e7 }
-"""
+CENTRE = parts_named("rooms")["science/elastic_centre centre"]
 
 
 @pytest.mark.science

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from benchmarks import exact_study
-from benchmarks.exact_data import BOUNDS, NAMES, SUBJECTS, base_case, beyond, draw
+from benchmarks.exact_data import BOUNDS, NAMES, SUBJECTS, beyond, draw
 from scipy import stats
 
 import jointbayes as jb
@@ -73,11 +73,6 @@ def test_truths_lie_beyond_the_bound_that_is_named_and_inside_the_others(index):
         else:
             assert truth[one] == pytest.approx(low / factor if end == "low" else high * factor)
     assert np.linalg.eigvalsh(pair_matrix(data.truth))[0] > 0
-
-
-def test_a_key_that_is_not_in_the_case_is_refused():
-    with pytest.raises(ValueError, match="found no_such_key 0 times"):
-        base_case("main", (("no_such_key", "1"),))
 
 
 def test_the_published_study_holds_what_the_page_asks_for():

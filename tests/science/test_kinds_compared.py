@@ -3,24 +3,11 @@
 import pytest
 
 import jointbayes as jb
+from tests.case.refusal_rows import parts_named
 
 pytestmark = pytest.mark.science
 
-TEXT = """
-structure = { length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, \
-section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "loss_factor", loss_factor = 0.005 } }
-joint = { kind = "KIND", dofs = ["1:y", "1:rz"], loss_factors = ["all"] }
-compare.hypotheses = [HYPOTHESES]
-[data]
-kind = "synthetic_frf"
-outputs = ["11:y", "6:y"]
-inputs = ["11:y"]
-f_min_hz = 40.0
-f_max_hz = 2000.0
-f_step_hz = 40.0
-noise = { relative = 0.03, floor = 0.01, seed = 5 }
-[data.truth.stiffness]
-"""
+TEXT = parts_named("rooms")["science/kinds_compared text"]
 SPRINGS, FULL = "ky = 5e7\nkrz = 6e4\n", "k11 = 5e7\nk12 = 1.2e6\nk22 = 6e4\n"
 
 

@@ -5,21 +5,13 @@ import pytest
 
 from jointbayes.case.case import case_from_text
 from jointbayes.workflow import sample
+from tests.case.refusal_rows import parts_named
 
 pytestmark = pytest.mark.science
 
 #: Of a rod of 2 m and 20 mm under 20 kN, with 3 kN m/rad at both ends.
 FREQUENCIES = [26.995446, 64.602597, 118.582897, 191.138862, 283.041241]
-TIE = """
-structure = { kind = "beam", length_mm = 2000.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7850.0, \
-section = { shape = "circle", diameter_mm = 20.0 }, axial_force_n = 10000.0, supports = ["1:y", "11:y"], \
-damping = { law = "modal", ratio = 0.005 } }
-joints.left = { kind = "springs", dofs = ["1:rz"], prior.krz = { distribution = "log_uniform", low = 10, high = 1e6 } }
-joints.right = { kind = "springs", dofs = ["11:rz"], shared = "left" }
-data = { kind = "natural_frequencies", frequencies_hz = FREQUENCIES, sd_relative = 0.0003 }
-uncertain.exact = ["model", "youngs_modulus", "density", "length"]
-uncertain.axial_force = { low_factor = 0.1, high_factor = 10.0 }
-"""
+TIE = parts_named("rooms")["science/tie_rod tie"]
 
 
 def verdicts(count):

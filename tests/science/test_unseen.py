@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 import jointbayes as jb
+from tests.case.refusal_rows import parts_named
 from tests.conftest import cheap_text, edited
 
 pytestmark = pytest.mark.science
@@ -19,11 +20,7 @@ BAND = (
     ("f_max_hz = 2500.0", "f_max_hz = 300.0"),
     ("f_step_hz = 10.0", "f_step_hz = 2.0"),
 )
-UNCERTAIN = """
-[uncertain]
-damping_ratio = { low_factor = 0.5, high_factor = 2.0 }
-shear_coefficient = { sd_percent = 2.0 }
-"""
+UNCERTAIN = parts_named("rooms")["science/unseen uncertain"]
 
 
 def rigid_text():

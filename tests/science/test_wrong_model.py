@@ -7,28 +7,19 @@ the long studies found.
 from dataclasses import replace
 from itertools import product
 
-import numpy as np
 import pytest
 from benchmarks import false_alarms, wrong_model
 from benchmarks.study import holds
 
 import jointbayes as jb
 from jointbayes.posterior import gather_knowledge
-from tests.conftest import CONFIGS, TO_CONVERGE, first_in_ci
-from vibrecords import FrfData
+from tests.case.refusal_rows import parts_named
+from tests.conftest import TO_CONVERGE, first_in_ci
 
 science = pytest.mark.science
 _KINDS = [("nothing", "stocky"), ("length 5 % off", "slender")]
 _KINDS += [pair for pair in product(wrong_model.WRONGS, wrong_model.BEAMS) if pair not in _KINDS]
-_SPRINGS = """
-structure = { length_mm = 383.0, youngs_modulus_gpa = 210.0, density_kg_m3 = 7800.0, \
-section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "modal", ratio = 0.01 } }
-joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
-prior.ky = { distribution = "log_uniform", low = 1e4, high = 1e11 }
-prior.krz = { distribution = "log_uniform", low = 1e2, high = 1e8 }
-data = { kind = "synthetic_frf", outputs = ["11:y"], inputs = ["11:y"], f_min_hz = 10.0, f_max_hz = 500.0, \
-f_step_hz = 2.0, truth.stiffness = { ky = 3e7, krz = 5e4 }, noise = { relative = 0.10, floor = 0.03, seed = 1 } }
-"""
+_SPRINGS = parts_named("rooms")["science/wrong_model springs"]
 
 
 @science
@@ -67,18 +58,3 @@ def test_what_the_check_cannot_see_the_freed_inputs_do():
 )
 def test_exact_data_are_explained(kind):
     assert false_alarms.analyse(kind, 1, replace(TO_CONVERGE, walkers=24))["findings"] == []
-
-
-def measured_of(kind, seed):
-    """All that is measured of a data set, of all its tests."""
-    case = jb.case_from_text(kind, false_alarms.text_of(kind, seed), directory=CONFIGS)
-    data = [test.data for test in false_alarms.problem_of(kind, seed, case).tests]
-    return np.concatenate([(one.frf if isinstance(one, FrfData) else one).values.ravel() for one in data])
-
-
-@pytest.mark.docs
-@pytest.mark.parametrize("kind", false_alarms.KINDS)
-def test_each_data_set_has_noise_of_its_own(kind):
-    first, again, other = (measured_of(kind, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).all()

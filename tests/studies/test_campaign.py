@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -315,19 +316,19 @@ class TestDirectory:
 #: Two joints whose posteriors take a quarter of a second each.
 SMALL = (
     "key,data.truth.k22,data.noise.seed,data.noise.relative,sampling.ensembles,sampling.walkers,data.f_step_hz\n"
-    "a,1.4e6,1,0.003,4,16,2\nb,1.5e6,2,0.003,4,16,2\n"
+    "a,1.4e6,1,0.001,4,16,16\nb,1.5e6,2,0.001,4,16,16\n"
 )
 
 
 @pytest.mark.whole
-def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
-    table = table_of(tmp_path, SMALL)
+def test_command_samples_a_case_as_if_it_were_alone_and_says_where_the_index_is(tmp_path):
+    table = table_of(tmp_path, SMALL.replace("a,1.4e6,1,0.001,4,16,16\n", ""))
     ended = cli(*["campaign", str(table), "--base", str(BASE), "--workers", "1", "--out", str(tmp_path / "out")])
     assert ended.exit_code == 0, ended.output
-    says(ended.stdout, "2 cases: 2 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.csv'}")
+    says(ended.stdout, "1 cases: 1 done, 0 failed, 0 not converged", f"Index: {tmp_path / 'out' / 'index.csv'}")
     assert {"report.html", "report.pdf", "index.csv"} <= {file.name for file in (tmp_path / "out").iterdir()}
     campaign = jb.Campaign(tmp_path / "out")
-    (case,) = [case for case in read_cases([table], BASE) if case.key == "b"]
+    (case,) = read_cases([table], BASE)
     whole = jb.case_from_text("b", case.read()[0])
     alone = jb.sample(whole, seed=case_seed(1, "b"), settings=whole.sampler.for_one_of_many())
     row, k22 = campaign.index.loc["b"], alone.summary().to_dict()["parameters"]["k22"]
@@ -339,11 +340,13 @@ def test_command_samples_each_case_as_if_it_were_alone_and_says_where_the_index_
 
 
 @pytest.mark.whole
-def test_full_campaign_samples_as_long_as_a_run(tmp_path):
-    jb.campaign(table_of(tmp_path, SMALL[: SMALL.index("b,")]), tmp_path / "out", base=BASE, workers=1, full=True)
-    (case,) = read_cases([table_of(tmp_path, SMALL[: SMALL.index("b,")])], BASE)
-    alone = jb.sample(jb.case_from_text("a", case.read()[0]), seed=case_seed(1, "a"))
-    assert jb.Campaign(tmp_path / "out").posterior("a").theta.tobytes() == alone.theta.tobytes()
+@pytest.mark.usefixtures("plain_reports")
+def test_full_campaign_samples_each_case_as_long_as_a_run(tmp_path):
+    with ThreadPoolExecutor(1) as executor:  # in this process, whose reports are plain
+        jb.campaign(table_of(tmp_path, SMALL), tmp_path / "out", base=BASE, executor=executor, full=True)
+    case = read_cases([table_of(tmp_path, SMALL)], BASE)[1]
+    alone = jb.sample(jb.case_from_text("b", case.read()[0]), seed=case_seed(1, "b"))
+    assert jb.Campaign(tmp_path / "out").posterior("b").theta.tobytes() == alone.theta.tobytes()
 
 
 def test_command_says_what_is_wrong_before_it_begins_and_what_failed_at_its_end(tmp_path):

@@ -10,21 +10,14 @@ from jointbayes.progress import tell_nobody
 from jointbayes.studies import same
 from jointbayes.studies.same import Change, JointChange, compare_joints
 from jointbayes.workflow import answered_case
+from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cli
 from tests.marks import first_in_ci
 
 #: Stiffness in the new test over that before.
 KINDS = {"no change": 1.0, "0.5 % stiffer": 1.005, "5 % stiffer": 1.05}
 _ERROR_OF_MODEL, _SCATTER, _MODES = 0.005, 0.0002, 4
-_TESTED_TWICE = """
-title = "One clamp, tested twice"
-structure = { length_mm = 360.0, youngs_modulus_gpa = 210.0, poissons_ratio = 0.3, density_kg_m3 = 7800.0, \
-section = { shape = "circle", diameter_mm = 25.0 }, damping = { law = "modal", ratio = 0.01 } }
-joint = { kind = "springs", dofs = ["1:y", "1:rz"] }
-prior.ky = { distribution = "log_uniform", low = 1e6, high = 1e11 }
-prior.krz = { distribution = "log_uniform", low = 1e3, high = 1e8 }
-data.kind = "natural_frequencies"
-"""
+_TESTED_TWICE = parts_named("rooms")["studies/same tested_twice"]
 
 
 def exact_frequencies(ky, krz):

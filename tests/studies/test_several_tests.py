@@ -10,10 +10,10 @@ from jointbayes.studies.campaign import read_cases
 from jointbayes.studies.compare import require_same_data
 from tests.case.refusal_rows import parts_named
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
-from tests.conftest import TABLE_3, cli, without_stages
+from tests.conftest import cli, without_stages
 from tests.one_line import refused
 from tests.report.test_several_tests import HEARD, OWN, TORQUES
-from tests.science.calibration import simulated_problem, simulated_values
+from tests.science.calibration import simulated_problem
 from tests.studies.test_calibration_simulation import require_no_score
 
 
@@ -29,19 +29,6 @@ def test_the_score_at_the_truth_of_simulated_tests_is_zero_in_the_mean():
     narrow = narrow.replace("low = 1e4, high = 1e8", "low = 1.4e6, high = 1.6e6")
     problem = case_of(CLAMP_EDGE + '[noise]\nscale = "sampled"\nown = true\n' + TWO + HEARD, narrow).problem
     require_no_score(problem, lambda theta, rng: simulated_problem(problem, problem, theta, rng), 200, 1e-6)
-
-
-def test_simulated_data_are_those_of_each_test_and_of_a_lone_test_as_ever():
-    problem = case_of(TWO).problem
-    theta = np.log(TABLE_3)
-    simulated = simulated_problem(problem, problem, theta, np.random.default_rng(1))
-    rng = np.random.default_rng(1)
-    for part, own in zip(simulated.parts, problem.parts, strict=True):
-        assert_array_equal(part.test.data.frf.values, simulated_values(own, theta, rng))
-        assert part.test.data.frf.outputs == own.test.data.frf.outputs
-    alone = case_of("").problem
-    one = simulated_problem(alone, alone, theta, np.random.default_rng(1))
-    assert_array_equal(one.test.data.frf.values, simulated_values(alone, theta, np.random.default_rng(1)))
 
 
 def test_hypotheses_are_those_of_every_test():
