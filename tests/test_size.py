@@ -16,7 +16,7 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 7780),
+    "vibrecords": (6500, 7767),
     "structure": (3300, 3931),
     "joint": (1200, 1419),
     "frf": (2000, 2060),

@@ -334,22 +334,20 @@ def _place(record: FrfRecord, where: str) -> str:
     return f"{where}: {record.where}" if record.where else where
 
 
-def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list[list[FrfRecord]]:
+def _repetitions(records: Iterable[FrfRecord], where: str, *, allowed: bool) -> list[tuple[FrfRecord, ...]]:
     """Records apart by repetition: the first FRF of each pair of DOFs, the second, and so on."""
     by_pair: dict[tuple[str, str], list[FrfRecord]] = defaultdict(list)
     for record in records:
         by_pair[record.response, record.reference].append(record)
-    counts = {pair: len(group) for pair, group in by_pair.items()}
-    most = max(counts.values())
-    if most > 1 and not allowed:
-        pair = max(counts, key=lambda p: counts[p])
+    pair, repeated = max(by_pair.items(), key=lambda item: len(item[1]))
+    if len(repeated) > 1 and not allowed:
         remedy = 'leave one out, or write source = "repeats" in [data.variance] if they are repeated measurements'
-        raise refusal(_place(by_pair[pair][1], where), f"another FRF of {pair[0]} over {pair[1]}", "each once", remedy)
-    for pair, count in counts.items():
-        if count != most:
-            found = f"{count} FRFs of {pair[0]} over {pair[1]} and {most} of others"
+        raise refusal(_place(repeated[1], where), f"another FRF of {pair[0]} over {pair[1]}", "each once", remedy)
+    for pair, group in by_pair.items():
+        if len(group) != len(repeated):
+            found = f"{len(group)} FRFs of {pair[0]} over {pair[1]} and {len(repeated)} of others"
             raise refusal(where, found, "as many repetitions of each", "leave the surplus out")
-    return [list(group) for group in zip(*by_pair.values(), strict=True)]
+    return list(zip(*by_pair.values(), strict=True))
 
 
 def _modes(measured: FrfData, plan: MeasurementPlan) -> tuple[tuple[MeasuredMode, ...], tuple[str, ...]]:

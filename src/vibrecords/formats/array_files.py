@@ -25,6 +25,8 @@ _RATIO, _ALWAYS = 20, 2**26
 _MOST_ENTRIES = 5000  # of an archive
 #: Bytes of one text in a file of arrays: labels are short, and a posterior's coordinates too.
 _LONGEST_TEXT = 4096
+#: How a text of any length stands in a data set that lies in one piece: its length, and where its bytes are.
+_TEXT_ENTRY = np.dtype([("length", "<u4"), ("heap", "<u8"), ("number", "<u4")])
 
 
 def read_arrays(path: Path, kind: str, most: int = 0, matrix: MatrixOf = full_matrix) -> Block:
@@ -255,7 +257,15 @@ def _dataset(item: Any, where: str, attributes: Block, matlab: bool) -> Any:  # 
     if item.shape is None or "MATLAB_empty" in attributes:
         return np.array([], dtype=str) if kind == "char" else None
     if h5py.check_string_dtype(item.dtype):
-        return _texts(item, where)
+        # HDF5 makes room for as many bytes as an entry says, up to 4 GB, before it looks for them
+        offset = item.id.get_offset() if h5py.check_string_dtype(item.dtype).length is None else None
+        longest = 0
+        if offset is not None and item.size:
+            longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
+        if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
+            found = f"{item.size} texts of up to {longest} bytes"
+            raise refusal(where, found, f"at most {MOST_RECORDS} of {_LONGEST_TEXT}", matlab_5.REMEDY)
+        return np.array(item.asstr(errors="replace")[()], dtype=str)
     if not _is_plain(item.dtype):
         return Unread(f"data of type {item.dtype}")
     values: NDArray[Any] = item[()]
@@ -281,24 +291,6 @@ def _is_plain(dtype: np.dtype[Any]) -> bool:
     fields = [dtype[name] for name in dtype.names]
     wide = sum(field.itemsize for field in fields)
     return dtype.names == ("real", "imag") and all(map(_is_plain, fields)) and dtype.itemsize == wide
-
-
-#: How a text of any length stands in a data set that lies in one piece: its length, and where its bytes are.
-_TEXT_ENTRY = np.dtype([("length", "<u4"), ("heap", "<u8"), ("number", "<u4")])
-
-
-def _texts(item: Any, where: str) -> NDArray[np.str_]:  # noqa: ANN401
-    """Texts of a data set; HDF5 makes room for as many bytes as an entry says, up to 4 GB, before it looks for them."""
-    import h5py
-
-    offset = item.id.get_offset() if h5py.check_string_dtype(item.dtype).length is None else None
-    longest = 0
-    if offset is not None and item.size:
-        longest = int(np.fromfile(item.file.filename, _TEXT_ENTRY, item.size, offset=offset)["length"].max())
-    if longest > _LONGEST_TEXT or item.size > MOST_RECORDS:
-        found = f"{item.size} texts of up to {longest} bytes"
-        raise refusal(where, found, f"at most {MOST_RECORDS} of {_LONGEST_TEXT}", matlab_5.REMEDY)
-    return np.array(item.asstr(errors="replace")[()], dtype=str)
 
 
 _READERS: dict[str, Callable[[Path, int, MatrixOf], Block]] = {

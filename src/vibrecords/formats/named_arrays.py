@@ -468,10 +468,18 @@ def _arrays_over_time(block: Block) -> Iterator[tuple[str, Array]]:
     others += [n for n in block.named("") if block.named("time") or size_of(block.get(n)) in counts]
     for name in sorted(sensors, key=lambda name: SENSORS.index(name.lower())):
         yield name, _columns_of(block, name)
-    for name in others if clocked else []:
-        samples = None if is_complex(block.get(name)) else _along_time(block, name)
-        if samples is not None:
-            yield name, samples
+    for name in (n for n in others if clocked and not is_complex(block.get(n))):
+        values = block.numbers(name)
+        time = _instants(block, name, values.shape)
+        if values.ndim > 2 or (time is None and (block.named("time") or values.size < 8)):
+            continue
+        if time is None:
+            yield name, _columns_of(block, name)
+            continue
+        if values.ndim == 2 and values.shape[0] == values.shape[1]:
+            raise block.square_error(name, values.shape, "instants", "response")
+        values = values.reshape(values.shape[0], -1)  # as many along one axis as there are instants
+        yield name, values if len(values) == time.size else values.T
 
 
 def _histories_of(block: Block, name: str, count: int) -> list[_History]:
@@ -497,20 +505,6 @@ def _histories_of(block: Block, name: str, count: int) -> list[_History]:
         )
     listed = zip(channels, units, words, hits, strict=True)
     return [(channel, unit, word, int(hit) or None) for channel, unit, word, hit in listed]
-
-
-def _along_time(block: Block, name: str) -> Array | None:
-    """Samples in columns, where the array has as many values along one axis as there are instants."""
-    values = block.numbers(name)
-    time = _instants(block, name, values.shape)
-    if values.ndim > 2 or (time is None and (block.named("time") or values.size < 8)):
-        return None
-    if time is None:
-        return _columns_of(block, name)
-    if values.ndim == 2 and values.shape[0] == values.shape[1]:
-        raise block.square_error(name, values.shape, "instants", "response")
-    values = values.reshape(values.shape[0], -1)
-    return values if len(values) == time.size else values.T
 
 
 def axis_of(

@@ -44,8 +44,21 @@ def read_tdms(path: Path, layout: Mapping[str, str] | None = None) -> Iterator[C
         notes = ("cut off: channels hold what was written before",) if status.incomplete_final_segment else ()
         groups: dict[str, list[_Channel]] = {}
         for channel in channels:
-            if len(channel) and (channel.dtype is not None and channel.dtype.kind in "iufc"):
-                groups.setdefault(channel.group_name, []).append(_channel(channel))
+            if not len(channel) or channel.dtype is None or channel.dtype.kind not in "iufc":
+                continue
+            told = channel.properties
+            unit = str(unit_attribute(told) or "")
+            axis_name = f"{told.get('wf_xname', '')} {told.get('wf_xunit_string', '')}".lower()
+            is_frequency = "hz" in axis_name or "freq" in axis_name
+            step, start = float(told.get("wf_increment", 0.0)), float(told.get("wf_start_offset", 0.0))
+            begun = told.get("wf_start_time")
+            begun_ns = int(begun.astype("datetime64[ns]").astype(np.int64)) if isinstance(begun, np.datetime64) else 0
+            # of channels without a clock LabVIEW writes a step of 1 s
+            known = np.isfinite([step, start]).all() and step > 0 and (is_frequency or step < 1)
+            axis: Role = "frequency" if is_frequency else "time"
+            clock = (axis, start, step, begun_ns) if known else None
+            of_group = groups.setdefault(channel.group_name, [])
+            of_group.append(_Channel(channel.name, unit, channel[:], clock))
     alike = len(groups) > 1 and len({tuple(c.name for c in channels) for channels in groups.values()}) == 1
     for number, (name, members) in enumerate(groups.items(), start=1):
         require_short("group", name, *(text for c in members for text in (c.name, c.unit)))
@@ -63,20 +76,6 @@ class _Channel:
     unit: str
     values: NDArray[Any]
     clock: tuple[Role, float, float, int] | None
-
-
-def _channel(channel: Any) -> _Channel:  # noqa: ANN401 - npTDMS has no types
-    told = channel.properties
-    unit = str(unit_attribute(told) or "")
-    axis_name = f"{told.get('wf_xname', '')} {told.get('wf_xunit_string', '')}".lower()
-    is_frequency = "hz" in axis_name or "freq" in axis_name
-    step, start = float(told.get("wf_increment", 0.0)), float(told.get("wf_start_offset", 0.0))
-    begun = told.get("wf_start_time")
-    begun_ns = int(begun.astype("datetime64[ns]").astype(np.int64)) if isinstance(begun, np.datetime64) else 0
-    # of channels without a clock LabVIEW writes a step of 1 s
-    known = np.isfinite([step, start]).all() and step > 0 and (is_frequency or step < 1)
-    axis: Role = "frequency" if is_frequency else "time"
-    return _Channel(channel.name, unit, channel[:], (axis, start, step, begun_ns) if known else None)
 
 
 def _group_table(

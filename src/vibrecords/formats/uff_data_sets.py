@@ -581,7 +581,17 @@ def read_mode(body: bytes, number: int) -> ModeRecord | None:
     end, count = 7 + -(-n_real // 6), per_node * (2 if kind in (5, 6) else 1)
     try:
         stated = list(_mode_numbers(lines, 7, end, n_real))
-        nodes, values = _shape(lines, end, count)
+        places, numbers, at = dict[int, int](), list[float](), end
+        while at < len(lines):
+            field = lines[at].strip()
+            if not re.fullmatch(r"\d{1,9}", field) or int(field) in places:
+                why = "a second time" if re.fullmatch(r"\d{1,9}", field) else "for a node"
+                raise LineError(at, f"found {field[:30]!r} {why}; expected a new node's number; export the modes again")
+            places[int(field)] = at
+            following = at + 1 - (-count // 6)
+            numbers += _mode_numbers(lines, at + 1, following, count)
+            at = following
+        nodes, values = list(places), np.array(numbers).reshape(len(places), count)
     except LineError:
         if (free := _free_columns(lines, n_real, count)) is None:
             raise
@@ -648,22 +658,6 @@ def _free_columns(lines: list[str], n_real: int, count: int) -> tuple[list[float
     if not all(re.fullmatch(r"\d{1,9}", node) for node in nodes) or len({*map(int, nodes)}) < len(nodes):
         return None
     return numbers[:n_real].tolist(), list(map(int, nodes)), rows.reshape(len(nodes), -1)[:, 1:].copy()
-
-
-def _shape(lines: list[str], at: int, count: int) -> tuple[list[int], Array]:
-    """Numbers of the nodes, and their values, shape (nodes, count)."""
-    nodes: dict[int, int] = {}
-    values: list[float] = []
-    per_node = 1 + -(-count // 6)
-    while at < len(lines):
-        field = lines[at].strip()
-        if not re.fullmatch(r"\d{1,9}", field) or int(field) in nodes:
-            why = "a second time" if re.fullmatch(r"\d{1,9}", field) else "for a node"
-            raise LineError(at, f"found {field[:30]!r} {why}; expected a new node's number; export the modes again")
-        nodes[int(field)] = at
-        values += _mode_numbers(lines, at + 1, at + per_node, count)
-        at += per_node
-    return list(nodes), np.array(values).reshape(len(nodes), count)
 
 
 _TIME, _FRF, _COHERENCE, _MODES = 1, 4, 6, 55

@@ -63,45 +63,41 @@ def impact_frfs(
     hits = find_hits(forces, chosen.hits)
     for response in responses:
         hits = reject_overloads(hits, response, chosen.hits)
-    if not any(hit.kept for hit in hits):
+    kept, results = [hit for hit in hits if hit.kept], list[ImpactResult]()
+    if not kept:
         reasons = "; ".join(f"hit {hit.number}: {hit.reason}" for hit in hits[:3])
         found = f"no hit to keep among {len(hits)} ({reasons})"
         remedy = "hit again, or change block, pretrigger or levels"
         raise refusal(f"impact on {forces[0].channel!r}", found, "at least one", remedy)
-    return tuple(_estimate(pairs, hits, chosen) for pairs in together)
-
-
-def _estimate(
-    pairs: list[tuple[TimeRecord, TimeRecord]], hits: tuple[Hit, ...], settings: ImpactSettings
-) -> ImpactResult:
-    rate, kept = pairs[0][0].sample_rate_hz, [hit for hit in hits if hit.kept]
-    lengths = {settings.hits.samples(pairs[hit.record][0]) for hit in kept}
-    if len(lengths) > 1:
-        found = f"blocks of {min(lengths)} to {max(lengths)} samples"
-        raise refusal(f"impact on {pairs[0][0].channel!r}", found, "one length", "give block_s to cut them alike")
-    (samples,) = lengths
-    frequency, lines = spectra.kept_lines(samples, rate, settings.f_min_hz, settings.f_max_hz)
-    decay = windows.exponential_window(samples, settings.exponential_end)
-    of_hits: list[list[ComplexArray]] = [[], []]  # spectra of force and response, offset removed and windowed
-    for hit in kept:
-        trigger = hit.trigger - hit.start
-        for of_channel, history in zip(of_hits, pairs[hit.record], strict=True):
-            block = history.values[hit.start : hit.start + samples]
-            # the offset is the mean of what comes before the trigger, but for the last third, where it rises
-            quiet = block[: 2 * trigger // 3]
-            block = block - quiet.mean() if quiet.size >= 8 else block
-            if of_channel is of_hits[0] and settings.force_window_s is not None:
-                length = max(round(settings.force_window_s * rate), 1)
-                block = block * windows.force_window(samples, trigger, length)
-            of_channel.append(np.fft.rfft(decay * block)[lines])
-    force, response = map(np.array, of_hits)
-    estimate = spectra.estimate_frf(force, response, settings.estimator)
-    added = windows.added_decay_rate(settings.exponential_end, samples / rate)
-    notes = [f"{settings.estimator} from {len(kept)} of {len(hits)} hits"]
-    if added > 0:
-        notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
-    record = spectra.record_of_estimate(pairs[0], frequency, estimate, len(kept), *notes)
-    return ImpactResult(record, hits, added)
+    for pairs in together:
+        rate = pairs[0][0].sample_rate_hz
+        lengths = {chosen.hits.samples(pairs[hit.record][0]) for hit in kept}
+        if len(lengths) > 1:
+            found = f"blocks of {min(lengths)} to {max(lengths)} samples"
+            raise refusal(f"impact on {pairs[0][0].channel!r}", found, "one length", "give block_s to cut them alike")
+        (samples,) = lengths
+        frequency, lines = spectra.kept_lines(samples, rate, chosen.f_min_hz, chosen.f_max_hz)
+        decay = windows.exponential_window(samples, chosen.exponential_end)
+        of_hits: list[list[ComplexArray]] = [[], []]  # spectra of force and response, offset removed and windowed
+        for hit in kept:
+            trigger = hit.trigger - hit.start
+            for of_channel, history in zip(of_hits, pairs[hit.record], strict=True):
+                block = history.values[hit.start : hit.start + samples]
+                # the offset is the mean of what comes before the trigger, but for the last third, where it rises
+                quiet = block[: 2 * trigger // 3]
+                block = block - quiet.mean() if quiet.size >= 8 else block
+                if of_channel is of_hits[0] and chosen.force_window_s is not None:
+                    length = max(round(chosen.force_window_s * rate), 1)
+                    block = block * windows.force_window(samples, trigger, length)
+                of_channel.append(np.fft.rfft(decay * block)[lines])
+        estimate = spectra.estimate_frf(np.array(of_hits[0]), np.array(of_hits[1]), chosen.estimator)
+        added = windows.added_decay_rate(chosen.exponential_end, samples / rate)
+        notes = [f"{chosen.estimator} from {len(kept)} of {len(hits)} hits"]
+        if added > 0:
+            notes.append(f"exponential window adds {added:.6g} 1/s to the decay rate of each mode")
+        record = spectra.record_of_estimate(pairs[0], frequency, estimate, len(kept), *notes)
+        results.append(ImpactResult(record, hits, added))
+    return tuple(results)
 
 
 def frfs_of_hits(records: Sequence[TimeRecord], settings: ImpactSettings | None = None) -> spectra.MadeFrfs:

@@ -248,12 +248,9 @@ def _excitation_warnings(record: FrfRecord, clear: ClearFrf) -> Iterator[Measure
         incoherence = incoherence[np.isin(whole.frequency_hz, clear.frequency_hz)]
     hum, humming = _mains(clear, incoherence, averages)
     yield from hum
-    if incoherence is not None:
-        yield from _leakage(clear, incoherence, averages, ~humming)
-
-
-def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) -> Iterator[MeasurementWarning]:
-    """Resonances at which the coherence dips: there the response is largest, and noise of the sensor does least."""
+    if incoherence is None:
+        return
+    # resonances at which the coherence dips: there the response is largest, and noise of the sensor does least
     lines, dips, magnitude = np.arange(incoherence.size), [], np.abs(clear.mobility)
     noise = magnitude**2 * incoherence / np.maximum(1 - incoherence, 1e-6)
     for peak in clear.resonances:
@@ -261,7 +258,7 @@ def _leakage(clear: ClearFrf, incoherence: Array, averages: int, judged: Flags) 
         reach = max(4 * half, 8)
         # lines of an antiresonance close by are none of the resonance
         at = lines[max(top - half // 2, 0) : top + half // 2 + 1]
-        at = at[(magnitude[at] > magnitude[top] / 2) & judged[at]]
+        at = at[(magnitude[at] > magnitude[top] / 2) & ~humming[at]]
         sides = lines[max(top - reach, 0) : max(top - half, 0)], lines[top + half + 1 : top + reach + 1]
         if at.size * averages < 4 or min(side.size for side in sides) < 4:
             continue
