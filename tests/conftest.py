@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -116,23 +116,9 @@ def unsettled(
     return replace(posterior, tree=tree, record=replace(posterior.record, converged=False, reason=reason))
 
 
-def rod(
-    length: float = 0.383,
-    damping: DampingLaw | None = None,
-    elements: int = 10,
-    shear_coefficient: float | None = None,
-    dofs_per_node: int = 2,
-) -> Structure:
+def rod(length: float = 0.383, damping: DampingLaw | None = None, **stated: Any) -> Structure:
     """Table 1's rod, free."""
-    return beam(
-        length,
-        Section.circle(0.025),
-        STEEL,
-        damping or ModalDamping((0.01,)),
-        elements=elements,
-        shear_coefficient=shear_coefficient,
-        dofs_per_node=dofs_per_node,
-    )
+    return beam(length, Section.circle(0.025), STEEL, damping or ModalDamping((0.01,)), **stated)
 
 
 def lone_likelihood(structure: AnyStructure, joint: AnyJoint, data: Data, **stated: object) -> Likelihood:

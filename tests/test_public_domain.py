@@ -33,7 +33,6 @@ ANY = st.one_of(
 )
 SMALL = st.floats(1e-3, 10.0)
 #: As often as not shapes that fit each other: of two lines, and of an FRF at two lines.
-#: As often as not shapes that fit each other: of two lines, and of an FRF at two lines.
 SHAPES = st.sampled_from([(2,), (2, 1, 1)]) | arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
 KINDS = st.sampled_from(
     [np.float64, np.float32, np.complex128, np.int64, np.bool_, np.uint8, np.dtype("U3"), np.dtype("O")]
@@ -93,25 +92,15 @@ DAMPING = jb.ModalDamping((0.01,))
 
 #: Names that take numbers alone, each with how many.
 OF_NUMBERS = {
-    "circle": (jb.Section.circle, 1),
-    "tube": (jb.Section.tube, 2),
-    "rectangle": (jb.Section.rectangle, 2),
-    "box": (jb.Section.box, 3),
-    "BeamMaterial": (jb.BeamMaterial, 3),
-    "LossFactor": (jb.LossFactor, 1),
-    "Rayleigh": (Rayleigh, 2),
-    "ModalDamping": (lambda *ratios: jb.ModalDamping(ratios), 3),
-    "Normal": (jb.Normal, 2),
-    "from_decades": (jb.Normal.from_decades, 2),
-    "Uniform": (jb.Uniform, 2),
-    "of_logarithm": (jb.Uniform.of_logarithm, 2),
+    "circle": (jb.Section.circle, 1), "tube": (jb.Section.tube, 2), "rectangle": (jb.Section.rectangle, 2),
+    "box": (jb.Section.box, 3), "BeamMaterial": (jb.BeamMaterial, 3), "LossFactor": (jb.LossFactor, 1),
+    "Rayleigh": (Rayleigh, 2), "ModalDamping": (lambda *ratios: jb.ModalDamping(ratios), 3), "Normal": (jb.Normal, 2),
+    "from_decades": (jb.Normal.from_decades, 2), "Uniform": (jb.Uniform, 2),
+    "of_logarithm": (jb.Uniform.of_logarithm, 2), "StudentNoise": (jb.StudentNoise, 1),
     "OfStiffness of Normal": (lambda mean, sd: jb.OfStiffness(jb.Normal(mean, sd)), 2),
     "OfStiffness of Uniform": (lambda low, high: jb.OfStiffness(jb.Uniform(low, high)), 2),
     "Nuisance": (lambda nominal: jb.Nuisance("gain", "1", nominal, jb.Normal(0.0, 1.0)), 1),
-    "StudentNoise": (jb.StudentNoise, 1),
-}
-
-
+}  # fmt: skip
 #: Names that are given arrays, labels and choices: how they are called, what with, and what is sound if not all of it.
 MAYBE, TRIPLE = st.none() | ANY, st.tuples(ANY, ANY, ANY)
 ELEMENT, NODES, ENDS = st.sampled_from(["paper", "converged"]), st.sampled_from("123"), st.sampled_from("12g")

@@ -1,6 +1,6 @@
-"""Frames by two other routes than the package's: an FE code of its own, and exact transfer matrices without a mesh.
+"""Frames by another route than the package's: exact transfer matrices without a mesh.
 
-Both know nothing of `jointbayes`: they take sections as functions of the place along a member.
+They know nothing of `jointbayes`, and take sections as functions of the place along a member.
 """
 
 from collections.abc import Callable
@@ -49,51 +49,6 @@ def lever(offset: np.ndarray) -> np.ndarray:
     out, (dx, dy, dz) = np.eye(6), offset
     out[:3, 3:] = [[0, dz, -dy], [-dz, 0, dx], [dy, -dx, 0]]  # u = ... + ry dz - rz dy
     return out
-
-
-# FE: Lagrange elements of the fifth degree on equally spaced nodes, strains by a B-matrix
-
-DEGREE = 5
-
-
-def fe_matrices(nodes: int, rods: list[Rod], elements: int) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness and mass; the first 6 x nodes DOFs are those of the nodes."""
-    total = 6 * (nodes + len(rods) * (DEGREE * elements - 1))
-    stiffness, mass, used = np.zeros((total, total)), np.zeros((total, total)), nodes
-    grid = np.arange(DEGREE + 1) / DEGREE
-    polynomials = [np.poly1d(np.poly(np.delete(grid, i))) for i in range(DEGREE + 1)]
-    polynomials = [p / p(grid[i]) for i, p in enumerate(polynomials)]
-    points, weights = np.polynomial.legendre.leggauss(8)
-    per = 6 * (DEGREE + 1)
-    for rod in rods:
-        chain = [rod.nodes[0], *range(used, used + DEGREE * elements - 1), rod.nodes[1]]
-        used += DEGREE * elements - 1
-        size, c = rod.length / elements, rod.cosines()
-        turn = np.kron(np.eye(2), c)
-        for e in range(elements):
-            k, m = np.zeros((per, per)), np.zeros((per, per))
-            for t, w in zip((points + 1) / 2, weights / 2 * size, strict=True):
-                ea, gj, eiy, eiz, kya, kza, ra, riy, riz = rod.constants((e + t) / elements)
-                strain, motion = np.zeros((6, per)), np.zeros((6, per))
-                for n, p in enumerate(polynomials):
-                    f, g, at = p(t), p.deriv()(t) / size, 6 * n
-                    motion[:, at : at + 6] = f * np.eye(6)
-                    strain[:, at : at + 6] = g * np.eye(6)
-                    strain[1, at + 5] = -f  # v' - rz
-                    strain[2, at + 4] = f  # w' + ry
-                k += w * strain.T @ np.diag([ea, kya, kza, gj, eiy, eiz]) @ strain
-                m += w * motion.T @ np.diag([ra, ra, ra, riy + riz, riy, riz]) @ motion
-            these = chain[DEGREE * e : DEGREE * (e + 1) + 1]
-            blocks = [turn] * (DEGREE + 1)
-            if e == 0:
-                blocks[0] = turn @ lever(rod.offsets[0])
-            if e == elements - 1:
-                blocks[-1] = turn @ lever(rod.offsets[1])
-            whole = linalg.block_diag(*blocks)
-            rows = np.concatenate([np.arange(6 * n, 6 * n + 6) for n in these])
-            stiffness[np.ix_(rows, rows)] += whole.T @ k @ whole
-            mass[np.ix_(rows, rows)] += whole.T @ m @ whole
-    return stiffness, mass
 
 
 # transfer matrices: the state (motions, forces) along a member obeys y' = A(x, w) y
