@@ -25,7 +25,7 @@ MODULES = [import_module(name) for name in (
 )]  # fmt: skip
 TABLE = re.split(r"^== ", (Path(__file__).parent / "refused_calls.txt").read_text(encoding="utf-8"), flags=re.M)
 ROWS = [
-    (room.split("\n", 1)[0].split(": ")[1], *line.split(" ;; "))
+    (*room.split("\n", 1)[0].split(": "), *line.split(" ;; "))
     for room in TABLE[1:]
     for line in room.splitlines()[1:]
     if line
@@ -50,8 +50,13 @@ def names(cheap_posterior, frequency_posterior):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "call", "words"), ROWS, ids=[call for _, call, _ in ROWS])
-def test_a_wrong_call_is_refused_in_one_line(kind, call, words, names):
+@pytest.mark.parametrize(("room", "kind", "call", "words"), ROWS, ids=[call for _, _, call, _ in ROWS])
+def test_a_wrong_call_is_refused_in_one_line(room, kind, call, words, tmp_path, request):
+    """A room that is a test module lends its own names."""
     used = {word: getattr(room, word) for word in re.findall(r"\w+", call) for room in MODULES if hasattr(room, word)}
-    refused(lambda: eval(call, used | names | {"two": Figure().subplots(2)}), getattr(errors, kind), words)
+    if room.startswith("tests."):
+        own = vars(import_module(room)) | {"tmp_path": tmp_path}
+    else:
+        own = request.getfixturevalue("names") | {"two": Figure().subplots(2)}
+    refused(lambda: eval(call, used | own), getattr(errors, kind), words)
     assert pyplot.get_fignums() == []

@@ -23,7 +23,7 @@ def refused(path, match, **further):
     return text
 
 
-# ---- for the rows of refused.txt
+# ---- for the rows of refused_calls.txt
 
 
 def read(path, **further):
