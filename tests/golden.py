@@ -26,3 +26,10 @@ def require_kept(path, found, loose=()):
         values = [[number(text) for text in NUMBER.findall(line)] for line in (one, other)]
         if not one.startswith(loose):
             assert values[1] == pytest.approx(values[0], rel=NEAR, abs=1e-4), f"{path.name}: {one!r}, found {other!r}"
+
+
+def require_lines(path, found):
+    """Compare lines with those that a file keeps, each to the last letter."""
+    if os.environ.get("GOLDEN") == "update":
+        path.write_text("\n".join(found) + "\n", encoding="utf-8")
+    assert found == path.read_text(encoding="utf-8").splitlines()

@@ -185,20 +185,6 @@ def test_a_search_that_explains_the_data_does_not_go_on(cheap_case):
     assert estimate.sentence == ""
 
 
-def test_a_wrong_model_is_blamed_where_many_starts_agree_and_the_search_where_hardly_one_does():
-    wrong = SearchEffort(squares=20.0, limit=1.2, starts=40, agreeing=17, rounds=1)
-    assert wrong.sentence == (
-        "The best fit misses the data by 4.47 times their noise (noise alone: up to 1.1). "
-        "No better fit was found from 40 starts: most likely the model is wrong."
-    )
-    missed = replace(wrong, agreeing=2, rounds=3, gain=812.3, last_gain=0.1)
-    assert "Only 2 of 40 starts lead to it: a better one may exist." in missed.sentence
-    assert replace(wrong, last_gain=5.0).mode_missed
-    assert "Round 1 of the search still improved it: a better one may exist." in replace(wrong, last_gain=5.0).sentence
-    assert max(len(effort.sentence) for effort in (wrong, missed)) <= 200
-    assert not replace(wrong, squares=1.1).sentence
-
-
 def test_where_the_search_stands_is_kept_with_the_posterior(cheap_posterior, tmp_path):
     moved = replace(cheap_posterior.estimate, effort=SearchEffort(20.0, 1.2, 40, 17, 1))
     replace(cheap_posterior, estimate=moved).save(tmp_path / "p.nc")

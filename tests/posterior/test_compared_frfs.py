@@ -12,10 +12,8 @@ from jointbayes.posterior.compared_frfs import (
     FOLLOWS,
     LEVEL,
     TURNED,
-    ComparedFrf,
     compare_frfs,
     level_and_correlation,
-    sentences_of_faults,
 )
 from tests.conftest import TABLE_3
 
@@ -105,57 +103,3 @@ def test_level_is_a_median_and_correlation_a_mean_over_clear_lines(clear_lines):
     else:
         assert level == 2.0
         assert correlation == pytest.approx((8 - 1 + 0) / 10)
-
-
-# ---- words
-
-
-def frf(output, faults=(), level=1.0, correlation=1.0):
-    return ComparedFrf(output, "11:y", level, correlation, faults)
-
-
-@pytest.mark.parametrize(
-    ("found", "test", "sentences"),
-    [
-        ([], "", ()),
-        ([frf("1:y"), frf("2:y")], "", ()),
-        (
-            [frf("1:y", ("level",), 4.591), frf("2:y")],
-            "",
-            ("FRF 1:y/11:y is 4.6 times the predicted one: check its sensor's calibration, unit and position.",),
-        ),
-        (
-            [frf("1:y", ("sign", "level"), 0.1023, -0.98)],
-            "long",
-            (
-                "Test long: FRF 1:y/11:y has the opposite sign and is 0.1 times the predicted one: check its sensor's "
-                "direction.",
-            ),
-        ),
-        (
-            [frf("1:y", ("level",), 1000.0), frf("2:y", ("level",), 1200.0)],
-            "",
-            ("The FRFs are 1100 times as large as the answer predicts: check unit and sensitivity of the channels.",),
-        ),
-        (
-            [frf("1:y", ("level",), 2.0), frf("2:y", ("level",), 4.0)],
-            "",
-            (
-                "FRF 1:y/11:y is 2 times the predicted one: check its sensor's calibration, unit and position.",
-                "FRF 2:y/11:y is 4 times the predicted one: check its sensor's calibration, unit and position.",
-            ),
-        ),
-    ],
-)
-def test_what_is_said_of_frfs(found, test, sentences):
-    assert sentences_of_faults(found, test) == sentences
-
-
-def test_of_many_frfs_the_first_are_named():
-    many = [frf(f"{i}:y", ("shape",), 1.0, 0.5) for i in range(1, 6)]
-    said = sentences_of_faults(many)
-    assert said[0] == (
-        "FRF 1:y/11:y does not follow the predicted one (in phase 0.50 of 1): check its sensor's channel, position and "
-        "delay, and the model."
-    )
-    assert said[-1] == "2 more FRFs are off."

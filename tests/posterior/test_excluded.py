@@ -18,7 +18,6 @@ from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import (
     SimplerJoint,
     UncertainInputsRow,
-    exclusion_sentences,
     known_by_bounds,
     weighed_joints,
 )
@@ -264,12 +263,3 @@ def test_every_mode_is_climbed_from():
 def test_of_joints_that_are_known_nothing_is_said(cheap_posterior):
     assert known_by_bounds(cheap_posterior) == ()
     assert gather_knowledge(judged_as(of_case(cheap_posterior), cheap_posterior)).bounds_sentence == ""
-
-
-def test_the_sentence_names_each_joint():
-    joints = (SimplerJoint("a", "rigid", 30.0), SimplerJoint("b", "rigid", 3.0), SimplerJoint("b", "absent", -3.0))
-    assert exclusion_sentences(joints) == (
-        "The data rule out that joint a is rigid (odds more than 10⁶ to 1 against it).",
-        "The data do not rule out that joint b is rigid (odds 4.5 to 1 against it) or absent (odds 4.5 to 1 for it).",
-    )
-    assert exclusion_sentences(()) == ()

@@ -135,29 +135,6 @@ def row_of(uncertain, **sd):
     return UncertainInputsRow(uncertain, "this run", {n: assess(np.exp(s * score), prior) for n, s in sd.items()})
 
 
-def test_the_sentence_says_which_verdicts_rest_on_what():
-    known, all_free = row_of((), k11=0.5, k22=0.01), row_of(("youngs_modulus", "length"), k11=0.6, k22=0.5)
-    assert effect_sentence((known, all_free)) == (
-        f"With Young's modulus and length uncertain: k22 goes from {known.known['k22'].value}, identified, to "
-        f"{all_free.known['k22'].value}, not identified."
-    )
-    assert effect_sentence((all_free, known)) == effect_sentence((known, all_free))
-    assert effect_sentence((known, row_of(("youngs_modulus",), k11=0.5, k22=0.01))) == (
-        "With Young's modulus uncertain every verdict holds, and no interval of a stiffness that is known moves or "
-        "widens by more than 50 % of its width."
-    )
-
-
-def test_the_sentence_states_the_ends_that_are_printed_everywhere():
-    known, freed = row_of_intervals((), k=(1.0, 1.2)), row_of_intervals(("length",), k=(1.0, 2.0))
-    known.known["k"] = replace(known.known["k"], interval=(0.8, 1.2))
-    freed.known["k"] = replace(freed.known["k"], interval=(0.5, 2.0))
-    said = effect_sentence((known, freed))
-    assert "k goes from 1.10 (0.800 to 1.20) N/m, identified, to 1.41 (0.500 to 2.00) N/m, weakly identified" in said
-    freed.known["k"] = replace(freed.known["k"], cls="identified")
-    assert "but goes from 1.10 (0.800 to 1.20) N/m to 1.41 (0.500 to 2.00) N/m" in effect_sentence((known, freed))
-
-
 def row_of_intervals(uncertain, **ends):
     """A row whose stiffnesses have these 95 % intervals, equal-tailed about their geometric middle, within 1 %."""
     score, prior = np.linspace(-1, 1, 4001) / 0.95, np.exp(np.linspace(-40, 40, 2001))

@@ -2,18 +2,16 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import jointbayes as jb
 from jointbayes.posterior import other_structure
-from jointbayes.posterior.identifiability import ExactInputs, Verdict
 from jointbayes.posterior.model_errors import model_error_of
 from jointbayes.rounding import number
 from jointbayes.studies.lobes import Cut, limiting_depth
-from jointbayes.studies.predict import joint_sentences, read_other
+from jointbayes.studies.predict import read_other
 from tests.case.refusal_rows import parts_named
 from tests.conftest import TO_CONVERGE, cli, shipped_text
 
@@ -145,20 +143,6 @@ def test_another_material_has_a_modulus_of_its_own(wrong_model):
     modulus = wrong_model.thinned(400)[:, wrong_model.problem.names.index("youngs_modulus")]
     frequency = wrong_model.predict(aluminium, TIP).frequency_hz[:, 1]
     assert abs(np.corrcoef(modulus, np.log(frequency))[0, 1]) < 0.3
-
-
-def test_each_stiffness_has_its_own_class_in_what_a_prediction_needs():
-    exact = ExactInputs(("length", "density"), None, looked_at=False)
-    verdicts = {
-        "k11": Verdict("not identified", (1.0, 9.0), 3.0, "N/m"),
-        "k12": Verdict("weakly identified", (1.0, 2.0), 1.5, "N", exact=exact),
-        "k22": Verdict("identified", (1.0, 1.1), 1.05, "N·m/rad", exact=exact),
-    }
-    needs, loose = joint_sentences(SimpleNamespace(stiffness_names=tuple(verdicts), verdict=verdicts.get))
-    assert needs == (
-        "The prediction holds if length and density are exact. Only then k12 is weakly identified, k22 is identified."
-    )
-    assert loose.startswith("k11 is not known from the test.")
 
 
 class TestCommand:

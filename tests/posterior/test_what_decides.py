@@ -15,7 +15,7 @@ from jointbayes.posterior.identifiability import assess, ratio_of
 from jointbayes.posterior.knowledge import UncertainInputsRow, _row
 from jointbayes.posterior.model_errors import mesh_of
 from jointbayes.posterior.posterior import gather_knowledge
-from jointbayes.posterior.what_decides import WhatDecides, what_decides
+from jointbayes.posterior.what_decides import what_decides
 from jointbayes.progress import Budget
 from jointbayes.report.sections.identifiable import _decides_blocks, range_sentences
 from tests.posterior.test_stored_file import copied, refusal, replaced
@@ -68,21 +68,6 @@ def test_the_report_has_a_row_for_each(found):
     names = ["none", "length", "Young's modulus", "density", "damping ratio", "all of these"]
     assert [row[0] for row in table.rows] == names
     assert len(table.head) == 1 + len(found.exact)
-
-
-@pytest.mark.parametrize(
-    ("alone", "said"),
-    [
-        (
-            {"density": {"k": 0.1}, "length": {"k": 0.0109}},
-            "**Density matters most.** k is known to ±2 % with all inputs exact. With one alone uncertain: density "
-            "±20 %. No matter alone: length.",
-        ),
-        ({"density": {"k": 0.0109}}, "No input matters alone: density."),
-    ],
-)
-def test_what_is_said_of_inputs(alone, said):
-    assert WhatDecides({"k": 0.01}, alone, {"k": 0.2}).sentence == said
 
 
 def test_nothing_is_said_where_no_stiffness_is_known_anyway(posterior, cheap_case):

@@ -8,7 +8,7 @@ from scipy import stats
 import jointbayes as jb
 from jointbayes.progress import tell_nobody
 from jointbayes.studies import same
-from jointbayes.studies.same import Change, JointChange, compare_joints
+from jointbayes.studies.same import Change, compare_joints
 from jointbayes.workflow import answered_case
 from tests.case.refusal_rows import parts_named
 from tests.conftest import CONFIGS, cli
@@ -46,41 +46,12 @@ def compared(factor, index):
 
 
 UNCHANGED = Change("k22", "1", 0.004, -0.011, 0.019, 0.7)
-LOOSER = Change("k22", "1", -0.062, -0.079, -0.044, 0.0)
-UNKNOWN = Change("k11", "1", 0.2, -0.9, 9.0, 0.5)
-COUPLING = Change("k12", "N", 1200.0, -300.0, 2700.0, 0.9)
-
-
-def said(*stiffness, two_log_b, together=None):
-    return list(JointChange(stiffness, together, two_log_b, ("Assumed: all.",), True, "").lines)
 
 
 @pytest.fixture(scope="module")
 def changes():
     """What is said of one pair of each truth, by what the table calls it."""
     return {kind: compared(factor, 1) for kind, factor in KINDS.items()}
-
-
-def test_the_first_sentence_answers_in_words_with_the_interval():
-    effect = Change("natural frequency 1", "1", 0, -1e-4, 2e-4, 0.5)
-    lines = said(UNCHANGED, COUPLING, UNKNOWN, two_log_b=-19.0, together=effect)
-    assert lines == [
-        "k22 has not changed: +0.4 % (-1.1 to +1.9 %).",
-        "k12 has not changed: +1200 N (-300 to +2700 N).",
-        "k11 is not known well enough: 0.1 to 10 times before.",
-        "The joint has not changed: odds 13000 to 1, all stiffnesses together.",
-        "The whole joint moves natural frequency 1 by +0.000 % (-0.010 to +0.020 %).",
-        "Assumed: all.",
-    ]
-    assert said(LOOSER, two_log_b=30.0)[:2] == [
-        "k22 has changed: -6.2 % (-7.9 to -4.4 %).",
-        "The joint has changed: odds 10⁷ to 1, all stiffnesses together.",
-    ]
-    assert said(UNCHANGED, two_log_b=6.1)[0] == "The joint has changed; which stiffness is not clear."
-    assert "has not changed by more than chance, all stiffnesses together: -6.2 %" in said(LOOSER, two_log_b=5.9)[0]
-    assert said(LOOSER, two_log_b=5.9)[1].startswith("The joint has probably changed: odds 19 to 1")
-    for close in (-1.9, 1.9):
-        assert said(LOOSER, two_log_b=close)[1].startswith("Cannot decide whether the joint has changed: odds 2.6 to 1")
 
 
 def test_the_prior_of_a_change_is_normalised_wherever_the_joint_before_is():
