@@ -29,7 +29,7 @@ _FEW_SCREENED, _FEW_KEPT = 500, 6
 _TEMPERED = (1.0, 0.3, 0.1)
 #: Of all lines so many are added at a time, or a half or a quarter of them, with so many steps of a climb each time.
 _ADDED, _HALVED, _STEPS = 1 / 12, 2, 15
-#: The name of the start that they lead to, and climbs from places beside the mode where it is that start's.
+#: The name of the start that they lead to, and climbs from places next to the mode where it is that start's.
 _LOWEST, _FEW_MOVED = "lowest lines first", 24
 
 
@@ -84,7 +84,7 @@ def first_starts(problem: Problem, seed: int) -> dict[str, Array]:
 
     From natural frequencies and screened draws, and of many unknowns from reconstructed motions of the joints as well:
     either kind alone misses the mode of some structures. Many unknowns that explain line after line from the lowest on
-    need screened draws alone beside them.
+    need only screened draws in addition.
 
     Parameters
     ----------

@@ -205,5 +205,5 @@ class MapEstimate:
 
     @property
     def sentence(self) -> str:
-        """What to think of a MAP that does not explain the data; empty where it does, or nobody looked."""
+        """What to think of a MAP that does not explain the data; empty where it does, or that was not looked at."""
         return self.effort.sentence if self.effort is not None else ""

@@ -191,7 +191,7 @@ class ModeSearch:
     def _refine_distinct(self, ends: Sequence[tuple[Array, float]]) -> list[tuple[Array, float]]:
         """Refine those rough ends that are new and may matter; each gets the end of its mode, or stays as it is.
 
-        A rough end is that of a known mode if it is where the mode's own was, or no valley lies between them.
+        A rough end belongs to a known mode if it is where the mode's own was, or no valley lies between them.
         """
         left, refined = _REFINED, list(ends)
         for i in sorted(range(len(ends)), key=lambda i: -ends[i][1]):

@@ -19,7 +19,7 @@ SHIFTS = (*range(-3, 0), *range(1, 7))
 SURE = 5.0
 RAD_PER_S = 1 / (2 * math.pi)  # Hz
 _DRAWS, _CLIMBS, _MOST_STEPS = 300, 2, 30
-_WEIGHED = 2  # the numberings nearest to the measured frequencies whose evidence is compared with that of the stated
+_WEIGHED = 2  # the numberings nearest to the measured frequencies whose evidence is compared with the stated one's
 _SPREAD = 0.02  # of frequencies: errors well below it count by their square, those above hardly more
 _RIGID = 1e30  # N/m and N·m/rad
 _RIGID_DRAWS = 50  # of what is uncertain of the structure
@@ -103,7 +103,7 @@ def find_numbering(problem: Problem, sizes: ErrorSizes | None = None) -> Renumbe
         except (JointBayesError, ArithmeticError, ValueError, np.linalg.LinAlgError):  # the run itself will say it
             return None
     (shift, unit_hz), gain = max(gains.items(), key=lambda item: item[1])
-    as_many = len(measured.values) <= len(prior.marginals)  # numbers as many joints fit, whatever modes they are of
+    as_many = len(measured.values) <= len(prior.marginals)  # numbers as many joints fit, of any modes
     if not gain >= (SURE if as_many else -SURE):
         return None
     other = tuple(number + shift for number in measured.numbers)

@@ -51,7 +51,7 @@ def measured_receptances(
     sigma = np.sqrt(data.variance) / np.abs(quantity_factor(frf.frequency_hz, data.frf.quantity)[:, None, None])
     ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
     whole = substructures(structure).at((*joint.labels, *frf.outputs, *frf.inputs), float(frf.frequency_hz[-1]))
-    if whole.measured:  # beside a modelled body, whose uncertain quantities are as stated
+    if whole.measured:  # next to a modelled body, whose uncertain quantities are as stated
         model, r = LowRankCoupling(whole, joint, ports), joint.size
         motions = np.vstack([model.along, np.eye(model.along.shape[1])])
         (free,) = model.free(np.ones((1, len(whole.modelled.names))))
@@ -86,7 +86,7 @@ class FreeReceptance:
 
 
 _LINES = 80  # looked at, equally spaced: what resonates between them does not matter under the first tolerance
-_MODEL_ERROR = 0.03  # of an FRF, beside its noise
+_MODEL_ERROR = 0.03  # of an FRF, in addition to its noise
 #: Of e, in units of the motion that unit forces at the inputs give the joints without stiffness; the first that counts.
 _FIRST, _LATER = 3.0, (1.0, 0.1, 0.01)
 _POINTS, _KEPT = 16, 3  # of the prior, and ends of their climbs that go on

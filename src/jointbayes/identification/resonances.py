@@ -123,7 +123,7 @@ def fit_resonance(f: Array, power: Array, peak: int) -> Array:
     """ln of natural frequency, damping ratio and level of one mode from |H|² about a line, shape (3,); NaN if none.
 
     1/|H|² of a single mode is a parabola in f², whose least value is the damping, whose place the frequency and whose
-    curvature the level, whatever the other two are.
+    curvature the level, for any values of the other two.
     """
     here = peak + int(np.argmax(power[max(peak - 2, 0) : peak + 3])) - min(peak, 2)
     low, high = shoulders(np.sqrt(power), here)

@@ -48,7 +48,7 @@ def natural_frequency_model(problem: Problem) -> NaturalFrequencies:
 class FrequencyMatch:
     """How well predicted natural frequencies agree with the resonances of the data, in every test.
 
-    But for tests with a body that is given by its FRFs, whose modes nobody knows, and for static tests.
+    But for tests with a body that is given by its FRFs, whose modes are not known, and for static tests.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def frequency_starts(problem: Problem, rng: np.random.Generator, effort: int = 1
     rng
         Scrambles the points.
     effort
-        Factor on the number of points, a power of two, and on that of climbs.
+        Factor on the numbers of points, a power of two, and of climbs.
 
     References
     ----------

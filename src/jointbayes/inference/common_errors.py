@@ -1,4 +1,4 @@
-"""What a clamp's edge and springs to ground that nobody modelled do to all modes alike, at one joint.
+"""What a clamp's edge and springs to ground that are not in the model do to all modes alike, at one joint.
 
 Both move every mode in a pattern of its own, which the errors of single modes cannot follow: the edge as the length of
 the overhang does, a spring where the modes move at it, d ln f = φ²/(2 ω²) per N/m with φ in modes of unit modal mass.
@@ -95,7 +95,7 @@ def _overhang(test: Test) -> Array:
 
 
 def _of_sensors_left_behind(part: Problem, theta: Array) -> Array:
-    """What residuals of shapes change beside those of a longer body, whose sensors are moved in proportion, (m,).
+    """What residuals of shapes change relative to those of a longer body, whose sensors are moved in proportion, (m,).
 
     With another edge they stay as far from the free end as they were: per change of the overhang, as a fraction of it,
     they are further from the edge by their distance from the free end, and move more by that times the slope there.

@@ -52,7 +52,7 @@ def own_stiffnesses(
     A structure may hang on a joint far softer than itself. The spring on which its inertia m has the lowest measured
     natural frequency is then m ω²: the softest joint is expected there where the default range would not reach so far.
     Where nothing holds a mass that spring is its stiffness as well. Empty where both sides are measured bodies: `sides`
-    are the DOFs on each side of the joint that is modelled. Without `softest` nobody asks for that joint, and peaks of
+    are the DOFs on each side of the joint that is modelled. Without `softest` that joint is not looked at, and peaks of
     the data are not looked for where the structure's stiffness is known.
     """
     sizes = {}
@@ -79,7 +79,7 @@ def _prior_factors(unit: str) -> tuple[float, float]:
 
 
 def default_marginal(axis: Coordinate, sizes: Mapping[str, OwnStiffness], length: float) -> Marginal:
-    """Prior of a coordinate that nobody states: far softer than the beam to far stiffer, any coupling, an arm on it."""
+    """Prior where none is stated: far softer than the beam to far stiffer, any coupling, an arm on it."""
     if axis.logarithmic and axis.unit not in [quantity.unit for quantity in COUPLED]:  # a loss factor, or a dashpot
         if axis.unit == "1":
             return Uniform(*np.log(DEFAULT_LOSS))

@@ -73,7 +73,7 @@ class PropagatedNoise:
         return white
 
     def excess(self, roots: ComplexArray) -> Array:
-        """Part of each value in ln det Σ above that of the data's own noise, shape (batch, lines, pairs)."""
+        """Part of each value in ln det Σ above the part of the data's own noise, shape (batch, lines, pairs)."""
         return 2 * np.log(np.diagonal(roots, axis1=2, axis2=3).real) - np.log(self._variance)
 
     def variance(self, roots: ComplexArray) -> Array:

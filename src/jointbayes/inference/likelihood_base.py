@@ -61,7 +61,7 @@ class Likelihood(ABC):
     Parameters
     ----------
     names
-        Uncertain quantities beside the joint, in the order in which factors come; those of the noise are the last.
+        Uncertain quantities but the joint's, in the order in which factors come; those of the noise are the last.
     noise
         Noise model.
     constant
@@ -238,7 +238,7 @@ class TestsLikelihood(Likelihood):
     Parameters
     ----------
     names
-        All uncertain quantities beside the joints, those of the noise models last.
+        All uncertain quantities other than the joints', those of the noise models last.
     terms
         One for each test.
     sharing
@@ -274,7 +274,7 @@ class TestsLikelihood(Likelihood):
 
     @property
     def has_slope(self) -> bool:
-        """Whether that of every test has a gradient."""
+        """Whether the likelihood of every test has a gradient."""
         return all(term.likelihood.has_slope for term in self.terms)
 
     def hyper(self, factors: ArrayLike) -> Array:

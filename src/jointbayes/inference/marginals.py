@@ -214,7 +214,7 @@ class OwnMarginal:
 class OfStiffness:
     """A prior on a stiffness itself, in its unit, as the prior on its logarithm that it amounts to.
 
-    The density of θ = ln k is that of k times dk/dθ = k, cut off where k is not above zero. A uniform prior on k has
+    The density of θ = ln k is k's own times dk/dθ = k, cut off where k is not above zero. A uniform prior on k has
     nine tenths of its probability in the uppermost decade.
 
     Parameters
@@ -332,7 +332,7 @@ def marginal_of(given: object) -> Marginal:
 class Nuisance:
     """A quantity besides the joint that is not exactly known; its coordinate is ln(value/nominal).
 
-    That of an offset, ``length_offset``, is value/nominal itself: the offset in m, of either sign.
+    The coordinate of an offset, ``length_offset``, is value/nominal itself: the offset in m, of either sign.
 
     Parameters
     ----------

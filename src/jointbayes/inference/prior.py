@@ -17,7 +17,7 @@ from jointbayes.inference.marginals import Marginal, Normal, Nuisance, OfStiffne
 from jointbayes.joint import JointMatrix, Parametrisation
 from vibrecords.arrays import Array, Flags
 
-_CELLS = 1000  # of probability, in each of the two stiffnesses beside the coupling
+_CELLS = 1000  # of probability, in each of the two stiffnesses of a coupled pair
 _GRAIN = 2.0**-30
 #: What is to be done about priors that contradict each other.
 NO_JOINT = (
@@ -30,7 +30,7 @@ def log_probability_inside(parametrisation: Parametrisation, marginals: tuple[Ma
     """ln of the probability that independent draws give a positive definite joint; 0 where all do.
 
     It is rounded to a multiple of 2⁻³⁰: subtracting it from log densities, whose last digits are larger, then shifts
-    them without rounding them anew, and no draw depends on it.
+    them without rounding them again, and no draw depends on it.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class UsedMode:
 
     @property
     def resonance(self) -> tuple[str, str, float]:
-        """What was measured, whatever mode of a model it is compared with."""
+        """What was measured, without the modes of a model that it is compared with."""
         return self.test, self.held, self.frequency_hz
 
 
@@ -55,7 +55,7 @@ class Premises:
     model_error
         Sizes of the model's error in each of these modes; None where the model is taken as exact.
     assumed
-        What is as uncertain as in a workshop because nobody stated it, in words, one for each quantity.
+        What is as uncertain as in a workshop because it is not stated, in words, one for each quantity.
     modes, left_out
         The modes that measured FRFs show and that are used, and sentences on resonances that are not.
     numbering
@@ -63,7 +63,7 @@ class Premises:
     misnumbered
         How typed-in modes fit far better as others, in a phrase; empty where they do not.
     asked
-        What somebody asked for instead of what is usual, a sentence; empty where nobody did.
+        What was asked for instead of what is usual, a sentence; empty where nothing was.
     """
 
     reason: str = ""
@@ -77,7 +77,7 @@ class Premises:
 
     @property
     def of_modes(self) -> bool:
-        """Whether the answer is that of the modes that measured FRFs show."""
+        """Whether the answer rests on the modes that measured FRFs show."""
         return bool(self.modes)
 
     @property
@@ -95,12 +95,12 @@ _AS_STATED = Premises()
 class Problem:
     """Joints to be identified from one test, or from several of the same joints.
 
-    ``Problem(structure=…, joint=…, data=…)`` makes that of a lone test.
+    ``Problem(structure=…, joint=…, data=…)`` makes the problem of a lone test.
 
     Parameters
     ----------
     tests
-        What was tested and measured. Quantities of the prior whose names begin with that of a test are its own.
+        What was tested and measured. Quantities of the prior whose names begin with a test's name are its own.
     prior
         Prior over all that is uncertain; carries the parametrisation of the joint, or of all, see
         `jointbayes.joint.blocks_of`. Or marginals by the names of some coordinates, ``{"k22": …}``; all others then
@@ -316,7 +316,7 @@ class Problem:
         Raises
         ------
         ModelError
-            If data name a DOF that their structure does not have, or a quantity of the prior is that of no test.
+            If data name a DOF that their structure does not have, or a quantity of the prior belongs to no test.
         """
         terms, row = [], 0
         for test in self.tests:
@@ -468,7 +468,7 @@ class Problem:
         Raises
         ------
         ModelError
-            If the last axis is not that of the joint's quantities, or there are several tests.
+            If the last axis is not as long as the joint's quantities, or there are several tests.
         """
         if np.shape(stiffness)[-1:] != (len(self.quantities),):
             raise ModelError(

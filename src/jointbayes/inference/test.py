@@ -29,7 +29,7 @@ class Test:
     Parameters
     ----------
     name
-        Short name; that of a lone test may be empty.
+        Short name; a lone test's may be empty.
     structure
         Body without the joints as it was in this test, or `Substructures` where bodies are given by their measured
         FRFs.
@@ -48,7 +48,7 @@ class Test:
         If structure, joints or data are missing.
     """
 
-    __test__ = False  # no collection of tests of a program, whatever the name says to pytest
+    __test__ = False  # not a collection of tests of a program, as its name says to pytest
 
     name: str
     structure: AnyStructure
@@ -120,7 +120,7 @@ class Test:
 
     @property
     def most_modes(self) -> int:
-        """Natural frequencies that the model of the data has whatever the joint, also a rigid one; 0 without modes."""
+        """Natural frequencies that the model of the data has with any joint, also a rigid one; 0 without modes."""
         if self.measured_bodies:
             return 0
         free = self.structures_of_data
@@ -239,7 +239,7 @@ def arranged(parametrisation: Parametrisation, tests: Sequence[Test]) -> Paramet
         joints = test.joints
         for joint in joints.joints:
             own_joint = prefixed(test.name, joint.name) if joint.name else test.name
-            # one set of quantities without a name meets one joint, whatever its name
+            # one set of quantities without a name meets one joint of any name
             lone = blocks[0] if len(blocks) == 1 and not blocks[0].name and len(joints.joints) < 2 else None
             block = by_joint.get(own_joint) or by_joint.get(joint.name) or lone
             if block is None or block.parametrisation.size != joint.size:

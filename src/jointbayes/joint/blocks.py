@@ -30,7 +30,7 @@ class Block:
     rows
         Rows of K^J at which the DOFs of each joint begin.
     joints
-        Names of those joints; by default that of the quantities.
+        Names of those joints; by default the quantities'.
     """
 
     name: str

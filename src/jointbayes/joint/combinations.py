@@ -93,7 +93,7 @@ def _value(parametrisation: Parametrisation, column: int) -> Callable[[Array], A
 
 
 def combinations_of(parametrisation: Parametrisation, joint: str = "") -> list[Combination]:
-    """Products of powers and condensed stiffnesses of each joint, whose names begin with that of the joint."""
+    """Products of powers and condensed stiffnesses of each joint, whose names begin with the joint's."""
     if isinstance(parametrisation, Blocks):
         return [
             combination.within(k)

@@ -1,4 +1,4 @@
-"""Damping beside the stiffnesses of a joint: dashpots and loss factors."""
+"""Damping of a joint in addition to its stiffnesses: dashpots and loss factors."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +26,7 @@ class Damped(SideBySide):
     of
         Parametrisation of the stiffnesses.
     viscous
-        Springs that have a dashpot beside them, by name: k11 has c11, ky has cy.
+        Springs that have a dashpot in parallel, by name: k11 has c11, ky has cy.
     loss_factors
         Springs that have a loss factor, by name: k11 has eta11, ky has etay; ``"all"`` is one factor eta on the whole
         matrix, couplings included.
@@ -90,11 +90,11 @@ class _Damping(PlainSprings):
     """Dashpots and loss factors by their logarithms, as springs that add nothing to K^J.
 
     An FRF is nearly linear in a loss factor, as it is in the compliance: where data leave one wide, its draws are near
-    Gaussian, those of its logarithm have a long tail. So the damping itself stands beside the compliance.
+    Gaussian, those of its logarithm have a long tail. So the damping itself stands next to the compliance.
     """
 
     def log_determinant(self, theta: Array) -> Array:
-        """0: ln det K^J is that of the stiffnesses."""
+        """0: ln det K^J depends on the stiffnesses alone."""
         return np.zeros(theta.shape[:-1])
 
     def nearest(self, values: ArrayLike) -> Array:

@@ -19,7 +19,7 @@ _ORTHONORMAL = 1e-6
 
 
 class LabelledDofs(Protocol):
-    """Whatever has DOFs with labels: a structure.
+    """Anything that has DOFs with labels: a structure.
 
     Where its DOFs lie it may say by a method ``position(label)`` that gives x, y and z in m, or None.
     """
@@ -222,7 +222,7 @@ class Joints:
     Raises
     ------
     ModelError
-        If one of several has no name or that of another.
+        If one of several has no name, or the name of another.
     """
 
     joints: tuple[Joint, ...]

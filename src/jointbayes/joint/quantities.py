@@ -73,7 +73,7 @@ def is_rotation(direction: str) -> bool:
 
 
 def is_rotation_unit(unit: str) -> bool:
-    """Whether a stiffness on the diagonal with this unit is that of a rotation."""
+    """Whether a stiffness on the diagonal with this unit belongs to a rotation."""
     return unit == _UNITS[2]
 
 
@@ -116,7 +116,7 @@ def full_stiffnesses(directions: Sequence[str]) -> tuple[Quantity, ...]:
 def damping_quantities(
     stiffnesses: Sequence[Quantity], viscous: Sequence[str], loss_factors: Sequence[str]
 ) -> tuple[Quantity, ...]:
-    """Dashpots and loss factors beside the stiffnesses of these names; ``"all"`` is one loss factor on all of them.
+    """Dashpots and loss factors along the stiffnesses of these names; ``"all"`` is one loss factor on all of them.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class Coordinate:
     Parameters
     ----------
     name
-        As in case files and tables; that of a stiffness if it is the logarithm of one.
+        As in case files and tables; a stiffness's own if it is the logarithm of one.
     unit
         Unit of its value, "1" for none.
     quantity
@@ -161,7 +161,7 @@ class Coordinate:
     symbol
         As it is typeset; the name by default.
     bounds
-        Between which every joint lies, whatever the prior.
+        Between which every joint lies, with any prior.
     """
 
     name: str

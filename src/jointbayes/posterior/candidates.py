@@ -102,7 +102,7 @@ def _without_joints(part: Problem) -> Iterator[Candidate]:
         hit = _information(lambda theta: frfs_there(free, ports, law, measured, theta))
     elif (modes := test.data.modes) is not None and (numbers := free_modes(test, modes)):
         hit = _information(lambda theta: modes_there(free, theta, numbers, scatter(modes)))
-    # the logarithm of the mass is that of the density plus that of the length
+    # ln of the mass is ln of the density plus ln of the length
     names = [part.prior.nuisances[i].name for i in part.structural_columns]
     ends = [name.rpartition(".")[2] for name in test.structures.names]
     row = np.zeros(len(part.names))

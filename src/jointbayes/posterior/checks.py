@@ -389,7 +389,7 @@ def check_frfs(
     """Posterior predictive check of FRFs.
 
     The mean over draws θ of the data's statistic T(y, θ) is compared with the law of T in data replicated from θ.
-    Since the noise model makes scores white with unit variance whatever its hyperparameters, that law is one for all
+    Since the noise model makes scores white with unit variance for any hyperparameters, that law is one for all
     draws: for Σ|score|² it is a gamma distribution, taken exactly, and for the correlation along frequency that of
     replicated records.
 

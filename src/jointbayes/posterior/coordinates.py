@@ -36,7 +36,7 @@ def by_names(theta: Array, names: Sequence[str], wanted: Sequence[str]) -> Array
 
 
 def compliance_and_scores(parametrisation: Parametrisation, low: Array, high: Array) -> tuple[Coordinates, Coordinates]:
-    """Compliance of the joint beside normal scores of the rest, and normal scores of all, between ends (d,)."""
+    """Compliance of the joint, normal scores of the rest, and normal scores of all, between ends (d,)."""
     compliance: Coordinates = ComplianceCoordinates(parametrisation)
     count = len(parametrisation.names)
     if len(low) > count:
@@ -51,7 +51,7 @@ def judged_quantities(prior: JointPrior) -> Quantities:
     signed logarithm arsinh(k/s), with s the median of |k|: its draws may spread over decades to both sides.
     """
     parametrisation = prior.parametrisation
-    if not parametrisation.names:  # of a rigid joint, whatever else is uncertain
+    if not parametrisation.names:  # of a rigid joint, all else that is uncertain
         return Quantities(prior.names, lambda theta: theta)
     others = [(i, q) for i, q in enumerate(parametrisation.quantities) if q.name in parametrisation.derived]
 

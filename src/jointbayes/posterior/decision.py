@@ -169,7 +169,7 @@ def decide(
     freed
         The same problem with more quantities uncertain, for which the answer is then to allow.
     assumed
-        What is uncertain in it that nobody stated, in words.
+        What is uncertain in it without being stated, in words.
 
     Returns
     -------

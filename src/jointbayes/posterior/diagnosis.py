@@ -123,7 +123,7 @@ class Diagnosis:
     ignores_noise
         Whether the noise of measured bodies, which may be all there is to it, is ignored.
     remedy
-        What helps where they point to nothing: that of `jointbayes.posterior.checks`.
+        What helps where they point to nothing, see `jointbayes.posterior.checks`.
     """
 
     modes: tuple[ModeError, ...]

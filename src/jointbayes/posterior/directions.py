@@ -35,9 +35,9 @@ from vibrecords.arrays import Array
 
 _NORMAL_95 = 1.959963984540054
 _MOST_TOLD = 4  # in a sentence
-#: A quantity says something else than those named before if so much of its gradient is left beside theirs.
+#: A quantity says something else than those named before if this share of its gradient is left across theirs.
 _NEW = 0.5
-#: Products of powers of whatever exponents are the last resort: they must be known so many times better.
+#: Products of any powers are the last resort: they must be known by this factor better.
 _ODD_POWERS = 4.0
 #: A rounded exponent may cost so much of what is known of the product.
 _ROUNDING_COST = 1.3
@@ -62,7 +62,7 @@ class NamedDirection:
     sd_log
         Standard deviation of ln |quantity| over the draws; NaN where they have both signs.
     verdict
-        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness; that of a stiffness itself
+        By the rule of `jointbayes.posterior.identifiability`, as for a single stiffness, whose own verdict
         is the one of the whole posterior, see `jointbayes.posterior.verdicts`.
     sentence
         For example ``"k22 is identified: 1.52 (1.51 to 1.58) MN·m/rad"``.
@@ -257,13 +257,13 @@ class _Search:
         return (up - down) / (2 * _STEP)
 
     def _share(self, quantity: Combination, axes: Array) -> float:
-        """Length of the gradient beside those already named; 0 where next to nothing of it is left."""
+        """Length of the gradient across those already named; 0 where almost nothing of it is left."""
         gradient = self._gradient(quantity)
         left = float(np.linalg.norm(_orthogonal_part(gradient, axes)))
         return left if left >= _NEW * np.linalg.norm(gradient) else 0.0
 
     def _powers(self, axes: Array) -> list[Combination]:
-        """The product of powers that varies least over the draws, beside what is named."""
+        """The product of powers that varies least over the draws, across what is named."""
         count = len(self.names)
         basis = np.linalg.svd(np.vstack([axes, np.zeros((1, count))]))[2][len(axes) :]
         weights = np.linalg.eigh(np.atleast_2d(np.cov(basis @ self._theta.T)))[1][:, 0] @ basis

@@ -159,7 +159,7 @@ def evidence(
 
 
 def _bridge(here: Array, weight: Array, worth: float, there: Array, proposed: int) -> tuple[float, float]:
-    """ln of the integral of p over that of q, and its standard error, by the optimal bridge.
+    """ln of the ratio of the integrals of p and q, and its standard error, by the optimal bridge.
 
     Parameters
     ----------

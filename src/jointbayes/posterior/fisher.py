@@ -87,7 +87,7 @@ class FisherInformation:
         return {self.names[i]: float(s) for i, s in zip(self._rows(free), sd, strict=True)}
 
     def stiffness_sd(self, free: Sequence[str] | None = None) -> dict[str, float]:
-        """Standard deviation of ln |k| of each stiffness that the joint's coordinates move, whatever they are.
+        """Standard deviation of ln |k| of each stiffness that the joint's coordinates move.
 
         `free` names coordinates of θ, as in `sd`; for coordinates other than logarithms the derivative at θ is used.
         A stiffness that is zero has an infinite one.
@@ -117,7 +117,7 @@ class FisherInformation:
         return {name: min(sd, prior.get(name, sd)) for name, sd in self.stiffness_sd(free).items()}
 
     def with_more(self, data: Array | float) -> Self:
-        """The same with the information of further data, shape (d, d), added to that of the data."""
+        """The same with the information of further data, shape (d, d), added to the information of the data."""
         return replace(self, data=self.data + data)
 
     def _rows(self, free: Sequence[str] | None) -> list[int]:

@@ -2,7 +2,7 @@
 
 What is known when other quantities are uncertain, or are not, is a row each, from draws of its own. The first row is
 the run itself. Every further one belongs to the same density with other quantities free, those left out held at their
-stated values, drawn as that of an answer by modes is, see `jointbayes.sampling.draws_from_two_origins`. Where this does
+stated values, drawn as for an answer by modes, see `jointbayes.sampling.draws_from_two_origins`. Where this does
 not settle nothing is said.
 
 Bounds on each stiffness say little of all together: "k11 above, k22 above" may be read as a rigid joint that the same
@@ -182,7 +182,7 @@ def quantities_taken_as_exact(rows: Sequence[UncertainInputsRow]) -> tuple[str, 
 
 
 def known_in_workshop(rows: Sequence[UncertainInputsRow]) -> Mapping[str, Verdict] | None:
-    """What is known with all uncertain that the run takes as exact; None where it takes nothing so, or nobody knows."""
+    """What is known with all uncertain that the run takes as exact; None where there is nothing, or it is not known."""
     return rows[-1].known or None if quantities_taken_as_exact(rows) else None
 
 

@@ -194,7 +194,7 @@ class LikelihoodRegion:
         near, far = (self._points(self._column(at), fall) for fall in (FALL, _FALL_OF_PROFILE))
         is_open, top, (first, last) = self._is_above(near, FALL), self._top, far[:, at]
         root = self._root_across(at)
-        # whatever fits well enough has led to an open end
+        # everything that fits well enough has led to an open end
         ends = climb_together(self._height, [self._better(end, root) for end in far[is_open]])
         known = np.array([top, *near[~is_open], *far[~is_open], *ends])
         shares = (np.arange(1, _POINTS) / _POINTS) ** 2  # of the way from the top, where the likelihood is round

@@ -1,4 +1,4 @@
-"""What errors of the model do to a result: its elements beside much richer ones, and the noise of measured bodies."""
+"""What errors of the model do to a result: its elements against much richer ones, and the noise of measured bodies."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -81,7 +81,7 @@ class InferredError:
 
     @property
     def grade(self) -> ErrorGrade:
-        """How good such a model is: residuals are small beside any error that is inferred. The worst of three."""
+        """How good such a model is: residuals are small next to any error that is inferred. The worst of three."""
         shift = max(map(abs, self.shifts.values()), default=0.0)
         ends = (
             (self.median, max(USUAL_ERROR, self.stated), max(LARGEST_ERROR, 3 * self.stated)),

@@ -1,6 +1,6 @@
 """What to measure next: further measurements, ranked by how well they would tell the stiffness that is known least.
 
-Linearised: the Fisher information of the data in hand plus that of the further ones, about a few draws.
+Linearised: the Fisher information of the data in hand plus the information of the further ones, about a few draws.
 """
 
 from collections.abc import Mapping, Sequence

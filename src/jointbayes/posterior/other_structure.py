@@ -1,6 +1,6 @@
 """What the joint will do in a structure that was never tested: its FRFs, natural frequencies and damping.
 
-Draws of the joint are those of the posterior. Of what else is uncertain, material is that of the tested structure where
+Draws of the joint are those of the posterior. Of what else is uncertain, material is the tested structure's where
 both are of one kind, and sizes are the new one's own. The error of the model, where the posterior allows for one, is
 drawn for the modes of the new structure as large as the tested one's.
 """
@@ -26,7 +26,7 @@ from jointbayes.structure.recipe import is_damping, is_damping_ratio
 from vibrecords import ModeData, Observed, Quantity, quantity_factor
 from vibrecords.arrays import Array
 
-#: Quantities of a structure's own sizes: those of another one are measured anew, and off by another error.
+#: Quantities of a structure's own sizes: another one is measured again, and off by another error.
 _OWN = frozenset({"length", "accelerometer_mass", "axial_force"})
 _SEED = 9
 _FEWEST_MODES, _MOST_MODES = 3, 40
@@ -274,7 +274,7 @@ def _model_errors(
 def _frfs(there: Problem, theta: Array, ports: Ports, errors: Array | None, frequency: Array) -> NDArray[np.complex128]:
     """Receptances of draws, shape (n, lines, outputs, inputs), each line with the error of the mode that is nearest.
 
-    A mode higher by a fraction e is that of a structure and a joint both stiffer by (1 + e)².
+    A structure and a joint that are both stiffer by (1 + e)² have a mode higher by a fraction e.
     """
     test, matrices = there.test, joint_matrix_of(there.prior.matrix(theta))
     factors = there.structural(there.prior.factors(theta))

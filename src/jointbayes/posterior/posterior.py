@@ -209,7 +209,7 @@ class Posterior(Sampled):
         stated, and with ``to_quantities`` it is that over the quantities in ``posterior``. Where values depend on each
         other there is no ``log_likelihood``, and an attribute of ``posterior`` says why. Data are ``data``, of several
         tests ``data_NAME``, by ``quantity``, or of FRFs by ``frequency`` (Hz), ``output`` and ``input``: the
-        magnitude, beside ``data_real`` and ``data_imag``.
+        magnitude, in addition to ``data_real`` and ``data_imag``.
 
         Parameters
         ----------

@@ -306,7 +306,7 @@ def further_measurement(problem: Problem, theta: Array) -> str:
         noise = float(np.median(np.sqrt(measured.variance) / np.abs(measured.frf.values)))
     else:
         lines, inputs, noise = np.linspace(0.5, 1.2, _LINES_COMPARED) * part.test.data.top_hz, candidates, 0.0
-    if not (candidates and part.test.data.top_hz):  # of a static test nobody knows the band of a further one
+    if not (candidates and part.test.data.top_hz):  # a static test says nothing of the band of a further one
         return ""
     lines = lines[np.linspace(0, len(lines) - 1, min(len(lines), _LINES_COMPARED)).round().astype(int)]
     prior = problem.prior

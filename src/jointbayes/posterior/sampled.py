@@ -132,7 +132,7 @@ class SampledCase(Protocol):
 
     @property
     def default_priors(self) -> Collection[str]:
-        """Coordinates whose prior nobody stated."""
+        """Coordinates whose prior is not stated."""
 
     @property
     def verdict_rules(self) -> Mapping[str, VerdictRule]:

@@ -189,13 +189,13 @@ def draws_tree(problem: Problem, draws: Draws, prior_theta: Array) -> xr.DataTre
 
 
 def _values(problem: Problem, theta: Array) -> Array:
-    """Stiffnesses, and values of whatever else is uncertain, from θ of shape (chains, draws, d)."""
+    """Stiffnesses, and values of all else that is uncertain, from θ of shape (chains, draws, d)."""
     prior = problem.prior
     return np.concatenate([prior.values(theta), prior.nuisance_values(theta)], axis=-1)
 
 
 def value_units(problem: Problem) -> dict[str, str]:
-    """Names of the stiffnesses, then of whatever else is uncertain, each with its unit."""
+    """Names of the stiffnesses, then of all else that is uncertain, each with its unit."""
     return {q.name: q.unit for q in problem.quantities} | {n.name: n.unit for n in problem.prior.nuisances}
 
 

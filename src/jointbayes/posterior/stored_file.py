@@ -252,7 +252,7 @@ def read_stored(path: str | os.PathLike[str]) -> StoredFile:
 
 @contextmanager
 def one_line_of(where: str) -> Iterator[None]:
-    """Turn whatever a damaged file leads to into one line that begins with the file.
+    """Turn any error of a damaged file into one line that begins with the file.
 
     Its record is typed, but a problem is made of hundreds of numbers, and mathematics refuses them in its own ways.
     """
@@ -323,7 +323,7 @@ def _is_covariance(matrix: Array, dimension: int) -> bool:
 
 
 def _coordinates(problem: Problem, values: Array, where: str, what: str) -> Array:
-    """θ of draws, shape (n, d); refused where nobody can have drawn them, which arithmetic may not survive."""
+    """θ of draws, shape (n, d); refused where they cannot be draws: arithmetic may not survive them."""
     prior, flat = problem.prior, values.reshape(-1, values.shape[-1])
     stiffness, rest = np.split(flat, [len(problem.quantities)], axis=1)
     low, high = prior.support

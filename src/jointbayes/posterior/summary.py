@@ -126,7 +126,7 @@ class NuisanceSummary:
 
 @dataclass(frozen=True, slots=True)
 class MapSummary:
-    """The MAP, the joint mode beside it, and the starts of the search by name: whether each reached the mode."""
+    """The MAP, the joint mode next to it, and the starts of the search by name: whether each reached the mode."""
 
     log_posterior: float
     coordinates: tuple[str, ...]
@@ -179,7 +179,7 @@ class Summary:
         What the answer takes for granted; and the model's error in natural frequencies as it was inferred, None where
         there is no place for one.
     assumptions
-        The same in sentences, and what the verdicts take as exact where nobody asked what is known without that.
+        The same in sentences, and what the verdicts take as exact where rows without that were not made.
     correlations
         Of the draws of two coordinates, by their names, where it is above 0.1 either way.
     about
@@ -382,7 +382,7 @@ def measured_frequencies(posterior: Sampled) -> tuple[float, ...] | None:
 def summaries_of_tests(
     posterior: Sampled, initial: Sequence[float], measured_frequencies_hz: Sequence[float] | None
 ) -> dict[str, TestSummary]:
-    """What is said of each test by its name; of a lone test by an empty one, with frequencies measured beside it."""
+    """What is said of each test by its name; of a lone test by an empty one, with further measured frequencies."""
     summaries, parts = {}, posterior.problem.parts
     for part, check, diagnosis in zip(parts, checks_of(posterior), diagnoses_of(posterior), strict=True):
         test, provenance = part.test, part.test.data.provenance
@@ -404,7 +404,7 @@ def frequency_summary(
     """Of as many modes as were measured, or as the FRFs show resonances."""
     theta, test = posterior.estimate.theta, problem.test
     count = len(measured) if measured else min(max(seen, _LEAST_MODES), _MOST_MODES)
-    if not (measured or test.measured_bodies):  # of a body that is given by its FRFs nobody knows any
+    if not (measured or test.measured_bodies):  # a body that is given by its FRFs has none that are known
         body = test.structures_of_data
         count = min(count, body.n_dofs - rigid_body_modes(body, test.joints))
     fitted = problem.prior.factors(theta)  # the first guess is one of the joint, not of these

@@ -270,7 +270,7 @@ def _bound(posterior: Sampled, name: str, side: Side) -> dict[str, object]:
 
 
 def line_of(name: str, verdict: Verdict) -> str:
-    """Median, 95 % interval and verdict of one stiffness, on whatever surface.
+    """Median, 95 % interval and verdict of one stiffness, the same on every surface.
 
     Examples
     --------

@@ -72,7 +72,7 @@ class Chains:
     seconds : float
         Wall time of the run.
     history : tuple of Check
-        Every check of the stop rule; the last one is that of the last step.
+        Every check of the stop rule; the last one was made at the last step.
     discarded : int
         Steps of earlier stages, which are not among these.
     every : int

@@ -81,7 +81,7 @@ class NormalScores:
 
     def forward(self, theta: Array) -> Array:
         """φ, shape (n, d), of θ, shape (n, d); a point at an end goes where the last 10⁻¹² of the width begin."""
-        from scipy.special import ndtri  # nobody who reads the settings of a sampler waits for scipy
+        from scipy.special import ndtri  # reading the settings of a sampler does not wait for scipy
 
         boxed, phi = self._boxed, np.array(theta, dtype=np.float64)
         inside = phi[:, boxed]
@@ -218,7 +218,7 @@ class StraightCoordinates:
         return self._base.inverse(self._centre + self._scale * z)
 
     def log_volume(self, theta: Array) -> Array:
-        """ln |∂θ/∂φ|, shape (n,): that of the base and of its scale; straightening keeps volumes."""
+        """ln |∂θ/∂φ|, shape (n,), of the base and of its scale; straightening keeps volumes."""
         return self._base.log_volume(theta) + np.log(self._scale).sum()
 
 

@@ -150,7 +150,7 @@ class SeveralModes:
     factors
         Cholesky factor of the covariance about each, shape (m, d, d).
     maps
-        Matrix that carries a distance from mode i over to mode j, shape (m, m, d, d): its covariance becomes that of j.
+        Matrix that carries a distance from mode i over to mode j, shape (m, m, d, d): its covariance becomes j's.
     """
 
     centres: Array

@@ -462,7 +462,7 @@ def whitened(log_density: LogDensity, coordinates: Coordinates, theta: ArrayLike
 def laplace(target: Whitened) -> tuple[Array, Array]:
     """Mode and covariance from the curvature there, in z."""
     dimension = len(target.origin)
-    # a gain below a thousandth in log-density no longer matters beside a refinement
+    # a gain below a thousandth in log-density no longer matters after a refinement
     mode, _, covariance = newton_climb(
         target, np.zeros(dimension), np.eye(dimension), step=0.2, steps=20, gain=1e-3, least=1e-3, settled=4.0
     )
@@ -635,7 +635,7 @@ def split(mixture: StudentMixture) -> StudentMixture:
 
 
 def _moments(x: Array, weight: Array) -> tuple[Array, Array]:
-    """Mean and covariance, the latter positive definite whatever the draws."""
+    """Mean and covariance, the latter positive definite for any draws."""
     mean = weight @ x
     z = x - mean
     covariance = (z.T * weight) @ z

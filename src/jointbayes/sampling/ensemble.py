@@ -102,7 +102,7 @@ class SamplerSettings:
         """The same for one of many analyses: a stop rule that asks for some 4000 effective draws.
 
         The ends of a 95 % credible interval are then known to 5 % of its half width, where a run of its own asks for
-        2 %; it takes half of the time or less. With `full` the stop rule stays that of a run of its own.
+        2 %; it takes half of the time or less. With `full` the stop rule stays the rule of a whole run.
         """
         if full:
             return self

@@ -92,7 +92,7 @@ def replace_far_walkers(
 ) -> Array:
     """Starting points of which those with a log density below `least` are replaced by draws from the proposal.
 
-    Where a posterior is thin and curved its Laplace approximation lies beside it for the most part, and a walker that
+    Where a posterior is thin and curved its Laplace approximation misses most of it, and a walker that
     starts there may take thousands of steps to come in. The draws are chosen in proportion to their truncated
     importance weights, none twice.
     """
@@ -110,7 +110,7 @@ def replace_far_walkers(
 def independence_share(efficiency: float) -> float:
     """Probability of the independence move at a step.
 
-    With an importance efficiency e its τ is about 2/e − 1, that of differential evolution in three dimensions about 10.
+    With an importance efficiency e its τ is about 2/e − 1; differential evolution in three dimensions has about 10.
     On posteriors of measured natural frequencies it gave 2.6 times the effective draws per evaluation at e = 0.34, and
     a tenth fewer at e = 0.15, where walkers wait in places that the proposal does not reach.
 
@@ -130,7 +130,7 @@ def weighted_moves(
     With a proposal that is close to the posterior most steps are independence moves. The rest are local.
 
     Of these, steps along a difference of two walkers had the shortest τ on Gaussian, curved and skewed densities (a
-    sixth to a half of that of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
+    sixth to a half of τ of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
     another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
     width changes from place to place, and costs little. With coordinates most of these moves are made in them, and
     the others remain for densities that are no closer to a Gaussian there. Where the proposal is one of several modes a
@@ -148,7 +148,7 @@ def weighted_moves(
     tuple of WeightedMove
         Their weights sum to 1.
     """
-    # emcee takes a while to import, and nobody who reads the settings needs it
+    # emcee takes a while to import, and reading the settings does not need it
     from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove, JumpMove
 
     def steps(where: Coordinates, small: float, name: str = "") -> list[WeightedMove]:
@@ -286,7 +286,7 @@ def run_ensembles(
     is_slow : callable, optional
         Whether the run ends with a check, before its limit, because it mixes slowly; by default never.
     budget : Budget, optional
-        Of the run that this one is a stage of; by default that of the settings begins here.
+        Of the run that this one is a stage of; by default the budget of the settings begins here.
 
     Raises
     ------
@@ -344,7 +344,7 @@ def run_adapted(
     proposal: Proposal,
     quantities: Quantities | None = None,
 ) -> tuple[Chains, Proposal]:
-    """Run ensembles as :func:`run_ensembles` does, and fit the proposal anew where they are slow to converge.
+    """Run ensembles as :func:`run_ensembles` does, and fit the proposal again where they are slow to converge.
 
     A proposal that was fitted without knowing the posterior may miss a part of it. A walker there is hardly ever
     moved by the independence move, and τ is hundreds of steps. Where τ is above 20 after 500 steps a proposal is
@@ -357,7 +357,7 @@ def run_adapted(
     steps, for half of them. The others are local moves, which reach a little beyond what it covers, and the proposal
     is fitted to these draws each time. And a run that has converged is looked at once more: where its draws find the
     proposal less than half as efficient as it is stated to be, there is another stage, with a proposal fitted to them.
-    A run with a good proposal and of shorter τ is the same, bit for bit, as that of :func:`run_ensembles`.
+    A run with a good proposal and of shorter τ is the same, bit for bit, as one of :func:`run_ensembles`.
 
     Parameters
     ----------
@@ -428,7 +428,7 @@ def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
 
 
 def _counted_on(progress: ProgressCallback, steps: int, limit: int, seconds: float) -> ProgressCallback:
-    """Progress of a stage told as that of the whole run."""
+    """Progress of a stage, as progress of the whole run."""
 
     def tell(now: Progress) -> None:
         expected = min((now.total or now.done) + steps, limit)

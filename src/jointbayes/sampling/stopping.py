@@ -133,7 +133,7 @@ def unmet_by(
     tolerance, least
         Largest error, and fewest draws at an end.
     enough
-        Draws at every end that do whatever the error is.
+        Draws at every end that are enough for any error.
     end
         Words for the end with the largest error.
 
@@ -181,7 +181,7 @@ def diagnose(
     every : int
         Distance of these in steps.
     steps : int, optional
-        Number of all steps; by default that of these.
+        Number of all steps; by default the number of these.
     modes : SeveralModes, optional
         Those of the density, if it has several: their shares count as parameters do, but for modes that have all draws
         or none.
@@ -331,7 +331,7 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> StopDecision:
     """Apply the stop rule to the last check.
 
     The rule is met if the kept steps exceed ``tau_factor`` τ, also that of each interval end, if τ has changed by less
-    than ``tau_tolerance`` since the check before (τ that of the slowest parameter), if R̂ of every parameter
+    than ``tau_tolerance`` since the check before (τ of the slowest parameter), if R̂ of every parameter
     is below ``r_hat_max``, and if the Monte Carlo standard error of each end of each 95 % interval is below
     ``end_tolerance`` of the interval's width. A NaN meets none of them.
 

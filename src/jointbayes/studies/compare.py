@@ -250,7 +250,7 @@ def what_differs(cases: Sequence[Case]) -> dict[str, str]:
     return {case.name: text.format(value).strip() for case, value in zip(cases, values, strict=True)}
 
 
-def _leaves(stated: Any, path: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (whatever a case holds)
+def _leaves(stated: Any, path: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (anything a case holds)
     if not isinstance(stated, dict):
         yield path, stated
         return
@@ -585,7 +585,7 @@ def _weighed(
                 "found a likelihood of zero everywhere; expected a joint that the data allow; leave it out"
             )
         if weighed.method == "Laplace" and weighed.log_z >= best - OUT_OF_QUESTION:
-            # 2. draw, from one stream for each candidate, whatever else is compared
+            # 2. draw, from one stream for each candidate, the same with any others
             rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(name)])
             chains = draws_of(problem, found[name], seed, tell)
             draws, converged, density = chains.draws(), chains.converged, problem.log_posterior

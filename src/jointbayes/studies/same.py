@@ -34,7 +34,7 @@ from vibrecords.arrays import Array
 _TESTS = ("before", "new")
 _MODES, _DRAWS = 3, 4000
 _CHANGE_SD = math.log(2.0) / 1.96  # of each coordinate of the joint: a factor of two either way in 95 %
-_NODES = 1000  # of the prior over which that of a change is normalised
+_NODES = 1000  # of the prior over which the prior of a change is normalised
 _FEWEST = 400.0  # effective draws from which intervals are printed
 _UNKNOWN = 4.0  # upper over lower end of a ratio, from which on a change by a factor of 2 would not show
 

@@ -123,7 +123,7 @@ class NoiseModel(ABC):
     needs_chi2_only: ClassVar[bool] = False
     #: Whether it is the stated noise and nothing else.
     as_stated: ClassVar[bool] = False
-    #: Whether residuals may be white by another noise than the stated one, as beside bodies that are measured.
+    #: Whether residuals may be white by another noise than the stated one, as with bodies that are measured.
     takes_white_residuals: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

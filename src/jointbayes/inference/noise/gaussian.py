@@ -141,7 +141,7 @@ class IntegratedScale(NoiseModel):
         return finite_or_impossible(constant - (a + m) * np.log(b + np.asarray(chi2, dtype=float)))
 
     def typical_scale(self, chi2: float, n_values: int) -> float:
-        """Scale s at which the curvature of ln L equals that of Gaussian noise times s: √((b + Σ|z|²)/(a + m))."""
+        """Scale s at which ln L is curved as with Gaussian noise times s: √((b + Σ|z|²)/(a + m))."""
         a, b = self._shape_rate()
         return math.sqrt((b + chi2) / (a + self.parts * n_values / 2))
 

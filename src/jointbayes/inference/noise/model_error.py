@@ -19,7 +19,7 @@ from vibrecords.errors import read_only
 #: Errors of a component of a shape are a fraction of it, or of this where it is less: near a node they do not vanish.
 LEAST_COMPONENT = 0.3
 #: Sizes over which is integrated, in standard deviations of the prior of their logarithm: of a factor of 3 the steps
-#: are small beside what twenty frequencies leave open of the size; a spring's effect shows to a factor at best.
+#: are small next to what twenty frequencies leave open of the size; a spring's effect shows to a factor at best.
 _NODES, _SPRING_NODES = np.linspace(-5.0, 5.0, 41), np.linspace(-3.0, 3.0, 19)
 
 
@@ -35,9 +35,9 @@ class ModelErrorNoise(NoiseModel):
     With r the residuals over their standard deviations, E r rᵀ = 1 + Σ_k a_k a_kᵀ + e eᵀ + a² B Bᵀ. Here k runs over
     the frequencies, antiresonances, damping ratios, components of shapes and modal constants, and a_k holds the size of
     the model's error in k, over the standard deviation, at each place where k was measured: in repetitions, or in
-    several tests of one structure. That of a frequency, also of an antiresonance, is s times it, with s unknown; the
+    several tests of one structure. A frequency, also of an antiresonance, is off by s times itself, with s unknown; the
     others are of known size. e is what a clamp's edge does that is not where it is modelled, B Bᵀ what springs to
-    ground do that nobody modelled, of unknown size a: see `jointbayes.inference.common_errors`. What an error does to
+    ground do outside the model, of unknown size a: see `jointbayes.inference.common_errors`. What an error does to
     several tests alike is no evidence of a change of the joint between them. All is in closed form: for each a the
     covariance is turned once, so that it is diagonal for every s, and the density is the mean over the log-normal
     priors of s and a. Sampled, they and the residuals would make a funnel where there are as many stiffnesses as
@@ -60,7 +60,7 @@ class ModelErrorNoise(NoiseModel):
     springs
         What springs do to them that move the lowest frequency, together, by its value, shape (m, places).
     clamp
-        Which clamp the edge is that of: tests of one clamp have one.
+        Which clamp has the edge: tests of one clamp have one.
 
     References
     ----------
@@ -175,7 +175,7 @@ class ModelErrorNoise(NoiseModel):
             return finite_or_impossible(most + np.log(np.exp(by_size, out=by_size).sum(axis=0)))
 
     def _given(self, z: Residuals) -> Array:
-        """The probability of each pair of sizes given residuals, shape (n, A, k); that of the prior if not finite."""
+        """The probability of each pair of sizes given residuals, shape (n, A, k); the prior's if not finite."""
         by_size = self._by_size(np.where(np.isfinite(z).all(axis=(1, 2), keepdims=True), z, 0.0))
         share = np.exp(by_size - by_size.max(axis=(0, 1)))
         return np.moveaxis(share / share.sum(axis=(0, 1)), 2, 0)
@@ -238,7 +238,7 @@ class ModelErrorNoise(NoiseModel):
 
 
 def _side_by_side(blocks: Sequence[Array], owners: Sequence[object]) -> Array:
-    """Columns of several tests, one below the other; those of one owner are one effect, others stand beside it."""
+    """Columns of several tests, one below the other; those of one owner are one effect, others stand next to it."""
     columns = dict.fromkeys(owner for owner, block in zip(owners, blocks, strict=True) if block.shape[1])
     width = {o: max(b.shape[1] for other, b in zip(owners, blocks, strict=True) if other == o) for o in columns}
     first = dict(zip(columns, np.cumsum([0, *width.values()]).tolist(), strict=False))

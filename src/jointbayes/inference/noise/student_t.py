@@ -86,7 +86,7 @@ class StudentNoise(NoiseModel):
         return (rows[:, 0] if self.scaled else np.ones(n))[:, None, None]
 
     def _peak_exponent(self) -> tuple[float, float]:
-        """Log density at z = 0 above that of the stated Gaussian, and minus the exponent of 1 + 2|z|²/dof."""
+        """Log density at z = 0 above the stated Gaussian's, and minus the exponent of 1 + 2|z|²/dof."""
         half = self.dof / 2
         if self.parts == 2:
             return 0.0, half + 1  # both densities are 1/π at their peak

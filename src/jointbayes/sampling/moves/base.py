@@ -167,7 +167,7 @@ def advance(
     counted = {chosen.name: _Counted(chosen.move) for chosen in moves}
     weighted = [(counted[chosen.name], chosen.weight) for chosen in moves]
     sampler = Driver(walkers, dimension, None, moves=weighted, vectorize=True)
-    # emcee's own wrapper prints whatever a log-density raises to the terminal; this room never prints.
+    # emcee's own wrapper prints every error of a log-density to the terminal; this room never prints.
     sampler.log_prob_fn = Checked(log_density)
     # emcee only knows the Mersenne twister, and takes its state with the positions, else NumPy's global one.
     twister = np.random.RandomState(np.random.MT19937(seed))

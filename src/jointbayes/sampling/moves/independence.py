@@ -10,7 +10,7 @@ class IndependenceMove(FittedMove):
     """Propose all walkers at once from one fixed distribution in coordinates φ.
 
     Each walker is a chain of its own here. The nearer q is to p, the nearer the draws are to independent ones; where q
-    is too narrow a walker waits long, so other moves belong beside this one.
+    is too narrow a walker waits long, so other moves belong next to this one.
 
     References
     ----------
