@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, singledispatch
 from itertools import compress
 from typing import Any, Literal
 
@@ -465,11 +465,13 @@ class ModeData(ModalData):
         return replace(self, frequency=frequency, damping=parts.get("damping"), **changes)
 
 
+@singledispatch
 def _as_table(data: ModalData) -> ModeData:
     """Natural frequencies as a table of modes, or the table itself."""
-    if isinstance(data, ModeData):
-        return data
     return ModeData(Observed(data.frequency_hz, data.sd_hz), numbers=data.numbers, provenance=data.provenance)
+
+
+_as_table.register(ModeData, lambda table: table)
 
 
 def renumbered(data: ModalData, shift: int, unit_hz: float = 1.0) -> ModeData:
