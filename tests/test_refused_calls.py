@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 import jointbayes as jb
 from jointbayes import errors
 from tests.one_line import refused
-from tests.sampling.test_proposal import MEAN, SCALE, wall
 from vibrecords import FrfSet
 
 #: Whose names the calls may use.
@@ -21,7 +20,8 @@ MODULES = [import_module(name) for name in (
     "jointbayes.frf", "jointbayes.joint", "jointbayes.inference", "jointbayes.inference.noise.base",
     "jointbayes.inference.noise.proportional", "jointbayes.posterior.checks", "jointbayes.posterior.prediction",
     "jointbayes.report.fe_cards", "jointbayes.sampling", "jointbayes.sampling.diagnostics", "jointbayes.structure",
-    "vibrecords", "vibrecords.variance",
+    "jointbayes.posterior", "jointbayes.report.export", "jointbayes.verdict_rule", "vibrecords", "vibrecords.variance",
+    "tests.inference.test_several_tests", "tests.sampling.test_sampling", "tests.sampling.test_proposal",
 )]  # fmt: skip
 TABLE = re.split(r"^== ", (Path(__file__).parent / "refused_calls.txt").read_text(encoding="utf-8"), flags=re.M)
 ROWS = [
@@ -43,7 +43,7 @@ def names(cheap_posterior, frequency_posterior):
     test = problem.test
     whole = {"structure": test.structure, "joint": test.joints, "data": test.data, "prior": problem.prior}
     return {
-        "jb": jb, "np": np, "replace": replace, "MEAN": MEAN, "SCALE": SCALE, "wall": wall, "frf_with": frf_with,
+        "jb": jb, "np": np, "replace": replace, "frf_with": frf_with,
         "p": cheap_posterior, "f": frequency_posterior, "problem": problem, "body": test.structures.recipe,
         "ports": lambda outputs=("5:y",), lines=frf.frequency_hz: jb.Ports(lines, outputs, frf.inputs),
         "made": lambda **wrong: jb.Problem(**(whole | wrong)), "rng": np.random.default_rng(1),

@@ -6,14 +6,13 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from scipy.integrate import cumulative_trapezoid
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import Ports, receptance_model, synthesise_frf
 from jointbayes.inference import JointPrior, LogPosterior, Normal, Problem, Uniform
 from jointbayes.joint import LogStiffness, SignedCoupling
 from jointbayes.structure import LossFactor
 from tests.conftest import CLAMP, TABLE_3, lone_likelihood, pair_matrix, rod
 from tests.oracles import check_density
-from vibrecords import FrequencyData, FrfData, FrfSet, RelativeNoise
+from vibrecords import FrequencyData, FrfData, RelativeNoise
 
 ROD = rod(elements=4)
 LINES = np.linspace(50.0, 2400.0, 60)
@@ -143,14 +142,6 @@ def test_the_likelihood_belongs_to_the_joint_and_not_to_its_coordinates():
     values = [one(theta) - one.prior.log_density(theta) for one, theta in zip((log, signed), thetas, strict=True)]
     assert np.ptp(values[0]) > 10.0
     assert_allclose(values[0], values[1], rtol=1e-9)
-
-
-def test_a_measured_dof_that_does_not_exist_is_refused():
-    frf = FrfSet([100.0], np.ones((1, 1, 1)), ("12:y",), ("5:y",))
-    with pytest.raises(ModelError, match="found DOF '12:y'"):
-        lone_likelihood(ROD, CLAMP, FrfData(frf, np.ones((1, 1, 1))))
-    with pytest.raises(ModelError, match="expected 1 to 10"):
-        lone_likelihood(ROD, CLAMP, FrequencyData(np.arange(1.0, 12.0), np.ones(11)))
 
 
 # ---- posterior density

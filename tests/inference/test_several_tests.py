@@ -11,7 +11,6 @@ from jointbayes.joint import Joint, LogStiffness, blocks_of
 from jointbayes.posterior.checks import checks_of
 from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, ModalDamping, Section
 from tests.conftest import CLAMP, PAIR, TABLE_3, TO_CONVERGE, pair_matrix, rod
-from tests.one_line import refused
 from tests.oracles import check_density, noisy_frfs
 from vibrecords import FrequencyData
 
@@ -35,7 +34,6 @@ LONG = jb.Test("long", FULL, CLAMP, frfs(FULL, 1))
 BRIEF = jb.Test("short", SHORT, CLAMP, frfs(SHORT, 2))
 HEARD = jb.Test("heard", SHORT, CLAMP, frequencies(SHORT))
 PRIOR = JointPrior(PAIR, MARGINALS)
-OTHER = Nuisance("other.gain", "1", 1.0, Normal(0.0, 1.0))
 
 
 def points(problem, count=6, seed=3):
@@ -165,27 +163,6 @@ def test_joints_of_tests_are_found_by_their_names():
         np.testing.assert_allclose(block, pair_matrix(factor * TABLE_3))
     acting = [[bool(quantity.places) for quantity in part.parametrisation.quantities] for part in problem.parts]
     assert (all(acting[0]), all(acting[1])) == (True, False)
-
-
-OF_OTHER = JointPrior(PAIR, MARGINALS, (OTHER,))
-
-
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        (lambda: jb.Problem([LONG, LONG], PRIOR), "a name for each"),
-        (lambda: jb.Problem([LONG, jb.Test("", FULL, CLAMP, LONG.data)], PRIOR), "a name for each"),
-        (lambda: jb.Problem(FULL, CLAMP), "found as a test Structure; expected tests, or structure, joint"),
-        (lambda: jb.Problem(prior=PRIOR), "found no structure, joint, data"),
-        (lambda: jb.Problem([jb.Test("a", FULL, Joint(("1:y",)), LONG.data)], PRIOR), "a parametrisation of each"),
-        (lambda: jb.Problem([LONG, BRIEF], OF_OTHER).log_posterior, "other.gain, on which no test depends"),
-        (lambda: jb.Problem([LONG, jb.Test("b", uncertain(0.2, ["length"]), CLAMP, BRIEF.data)], PRIOR).log_posterior,
-         "no prior for length of test b"),
-        (lambda: jb.Problem([LONG, BRIEF], PRIOR).part("middle"), "expected one of long, short"),
-    ],
-)  # fmt: skip
-def test_impossible_tests_are_refused_in_one_line(made, words):
-    refused(made, ModelError, words)
 
 
 @pytest.mark.whole

@@ -10,7 +10,6 @@ from scipy.signal import lfilter
 from scipy.special import ndtri
 
 import jointbayes as jb
-from jointbayes.errors import SamplingError
 from jointbayes.identification import LocalMode
 from jointbayes.identification.mode_search import local_modes
 from jointbayes.inference import JointPrior, Normal, Nuisance, Uniform
@@ -205,10 +204,6 @@ class TestNested:
         assert found.method == "nested sampling"
         assert abs(found.log_z - known.log_z) < 4 * found.error
         assert 0.02 < found.error < 0.2
-
-    def test_a_likelihood_that_is_nan_is_refused(self):
-        with pytest.raises(SamplingError, match="log-density: found nan"):
-            nested_evidence(lambda x: np.full(len(x), np.nan), lambda u: u, 1, np.random.default_rng(1))
 
 
 def test_few_or_equal_weights_have_no_shape_of_a_tail():

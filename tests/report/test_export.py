@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from jointbayes.errors import MeasurementError, ModelError
+from jointbayes.errors import ModelError
 from jointbayes.report.export import central_joint, export
 from jointbayes.report.fe_cards import PROGRAMS
 from tests.conftest import cli, unsettled
@@ -64,12 +64,6 @@ def test_frequencies_above_the_table_are_those_of_page_one(cheap_posterior, tmp_
     page = cheap_posterior.summary().natural_frequencies_hz.interval95
     assert all(low < hz < high for (_, hz, _), (low, high) in zip(modes, page, strict=True))
     assert [(number, ratio) for number, _, ratio in modes] == [(1, 0.01), (2, 0.01), (3, 0.01)]
-
-
-@pytest.mark.parametrize("form", ["uff58", "uff58b", "mat"])
-def test_a_format_that_went_says_what_writes_it_now(cheap_posterior, tmp_path, form):
-    with pytest.raises(MeasurementError, match=f"export: found format '{form}', which went .*; pyuff writes"):
-        export(cheap_posterior, tmp_path / "a", form)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves its file open
@@ -130,11 +124,6 @@ def test_data_without_frfs_have_no_table(frequency_posterior, tmp_path):
     with pytest.raises(ModelError, match=r"found .* as data, and no FRFs for csv; expected FRFs; take the natural"):
         export(frequency_posterior, tmp_path / "a.csv", "csv")
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_an_unknown_format_is_refused(cheap_posterior, tmp_path):
-    with pytest.raises(MeasurementError, match="found format 'step'; expected one of csv, nastran"):
-        export(cheap_posterior, tmp_path / "a", "step")
 
 
 # ---- command line

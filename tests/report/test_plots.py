@@ -138,23 +138,6 @@ def test_the_line_across_a_profile_is_at_its_95_percent(axes):
     assert_allclose(across, -stats.chi2.ppf(0.95, df=1) / 2, rtol=1e-3)
 
 
-OF_A_POSTERIOR = [
-    jb.plot_residuals, jb.plot_intervals, jb.plot_corner, jb.plot_traces, jb.plot_autocorrelation, jb.plot_profiles,
-    jb.plot_frequencies, jb.plot_mode_shape,
-    lambda of: jb.plot_profiles(of, "k22"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("draw", OF_A_POSTERIOR)
-@pytest.mark.parametrize("kind", ["path", "None", "MapEstimate", "Case"])
-def test_a_figure_of_a_posterior_is_of_nothing_else(draw, kind, cheap_posterior, cheap_case):
-    other = {"path": "a.toml", "None": None, "MapEstimate": cheap_posterior.estimate, "Case": cheap_case}[kind]
-    found = {"path": "'a.toml'"}.get(kind, kind)
-    with pytest.raises(jb.ModelError, match=rf"^figure: found {found}; expected a posterior; make it by jb\.sample"):
-        draw(other)
-    assert pyplot.get_fignums() == []
-
-
 def test_frequencies_are_refused_before_anything_is_computed(cheap_posterior, monkeypatch):
     monkeypatch.setattr("jointbayes.report.plots.checks_of", None)
     monkeypatch.setattr("jointbayes.report.plots.frequency_summary", None)
