@@ -8,7 +8,6 @@ from scipy import linalg
 from scipy.interpolate import RectBivariateSpline
 
 import jointbayes as jb
-from jointbayes.errors import ModelError
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.inference import ErrorSizes, JointPrior, ModelErrorNoise, Normal, Nuisance, Uniform
 from jointbayes.joint import Joints, blocks_of, parametrisation_named
@@ -54,7 +53,7 @@ def test_frfs_of_a_free_body_are_those_of_dense_solves_and_of_a_rigid_bar_far_be
 
 def beam_family(names, **options):
     recipe = BeamRecipe(0.383, Section.circle(0.025), STEEL, ModalDamping((0.01,)), **options)
-    return BeamFamily(recipe, dict.fromkeys(names, (-0.1, 0.1)))
+    return BeamFamily(recipe, dict.fromkeys(names, (-0.05, 0.05)))
 
 
 def frequencies(joint, matrix, sd=0.001):
@@ -86,11 +85,6 @@ def test_both_tests_share_the_material_and_only_one_depends_on_the_joint():
     assert not jacobian[:3, :3].any()
     assert str(FREE).splitlines()[2] == "joint: none"
     assert repr(both).startswith("Problem(joint 1:y, 1:rz to ground; unknown")
-
-
-def test_without_a_joint_in_any_test_the_stiffnesses_have_no_data():
-    with pytest.raises(ModelError, match="found priors of k11, k12, k22, on which no test depends"):
-        jb.Problem([FREE, jb.Test("again", BODY, (), FREE.data)], PRIOR).log_posterior  # noqa: B018
 
 
 def test_a_free_body_is_another_structure_whose_model_has_errors_of_its_own():

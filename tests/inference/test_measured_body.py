@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 import jointbayes as jb
-from jointbayes.inference import LogPosterior, ProportionalNoise, ScaledNoise
+from jointbayes.inference import LogPosterior, ScaledNoise
 from tests.conftest import STEEL, lone_likelihood
 from tests.frf.test_measured_body import K_PAIR, LINES, PORTS, TAPER, coupled, measured_spindle, tool
 from tests.oracles import differences
-from vibrecords import FrequencyData, FrfData, FrfSet
+from vibrecords import FrfData, FrfSet
 
 KNOWN = np.array([2e8, 3e6, 1e5])
 PRIOR = jb.JointPrior(jb.LogStiffness(), tuple(jb.Normal(np.log(k), 1.0) for k in KNOWN))
@@ -144,8 +144,6 @@ def test_pointwise_values_add_up_and_are_refused_where_frfs_share_the_noise():
     one = data(outputs=("7:y",))
     found = lone_likelihood(whole(), TAPER, one)
     assert found.pointwise(K_PAIR[None]).sum() == pytest.approx(found.log_likelihood(K_PAIR[None])[0])
-    with pytest.raises(jb.ModelError, match="share the noise of a measured body"):
-        lone_likelihood(whole(), TAPER, data()).pointwise(K_PAIR[None])
 
 
 def test_the_variance_is_that_of_the_data_and_the_propagated_one():
@@ -167,15 +165,3 @@ def test_a_problem_with_a_measured_body_has_no_modes_and_says_what_it_ignores():
     assert [body.name for body in problem.test.measured_bodies] == ["spindle"]
     assert not problem.test.ignores_noise_of_bodies
     assert problem.with_test(structure=whole(propagate=False)).test.ignores_noise_of_bodies
-
-
-def test_noise_to_which_that_of_the_body_cannot_be_added_is_refused():
-    with pytest.raises(jb.ModelError, match="found ProportionalNoise; expected Gaussian or Student-t noise"):
-        lone_likelihood(whole(), TAPER, data(), noise=ProportionalNoise.of(data()))
-
-
-def test_natural_frequencies_are_no_data_beside_a_measured_body():
-    prior = jb.JointPrior(jb.LogStiffness(), (jb.Uniform(1.0, 2.0),) * 3)
-    measured = FrequencyData(np.array([100.0]), np.array([1.0]))
-    with pytest.raises(jb.ModelError, match="measured body spindle: found natural frequencies as data; expected FRFs"):
-        jb.Problem(structure=whole(), joint=TAPER, data=measured, prior=prior).log_posterior  # noqa: B018

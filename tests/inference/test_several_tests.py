@@ -78,7 +78,7 @@ def test_the_log_likelihood_of_tests_is_the_sum_of_theirs():
 
 def uncertain(length, names):
     recipe = BeamRecipe(length, Section.circle(0.025), BeamMaterial(2.1e11, 0.3, 7800.0), ModalDamping((0.01,)))
-    return BeamFamily(recipe, dict.fromkeys(names, (-0.1, 0.1)))
+    return BeamFamily(recipe, dict.fromkeys(names, (-0.05, 0.05)))
 
 
 def test_quantities_are_shared_by_all_tests_or_belong_to_the_one_they_are_named_after():

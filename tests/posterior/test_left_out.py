@@ -149,23 +149,3 @@ def test_a_test_left_out_is_predicted_from_the_others():
 def test_a_summary_of_nothing_left_out_says_so(cheap_posterior):
     assert left_out_of(cheap_posterior) == ()
     assert cheap_posterior.summary().to_dict()["left_out"] is None
-
-
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (modes_of(frequencies()).replace("[2, 3]", "[4]"), "left out: found modes 4; expected some of 1, 2, 3"),
-        (modes_of(frequencies()).replace("[2, 3]", "[1, 2, 3]"), "but not all; correct the numbers"),
-        (modes_of(frequencies()).replace("modes = [2, 3]", "bands_hz = [[1.0, 2.0]]"), "for data that are modes"),
-        (BAND.replace("bands_hz = [[50.0, 75.0]]", "modes = [2]"), "found it for data that are FRFs"),
-        (BAND.replace("[50.0, 75.0]", "[500.0, 750.0]"), "left out: found 0 of 361 lines in the bands"),
-        (modes_of(frequencies()).replace("modes = [2, 3]", 'tests = ["other"]'), "some of several tests, not all"),
-        (modes_of(frequencies()).replace("modes = [2, 3]", 'tests = ["heavy", "light"]') + TESTS, "not all"),
-        (modes_of(frequencies(), '[noise]\nscale = "integrated"'), '"known" or "sampled"'),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_left_out_is_one_line(data, words):
-    with pytest.raises(jb.CaseError, match="left_out") as caught:
-        case(data)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)

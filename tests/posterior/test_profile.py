@@ -10,7 +10,6 @@ from jointbayes.posterior.fisher import fisher_information
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.posterior.verdicts import region_of as region_of_posterior
 from tests.conftest import cheap_text, edited
-from tests.one_line import refused
 
 NAMES = ("k11", "k12", "k22", "youngs_modulus", "noise_scale")
 CENTRE = np.array([21.0, 15.0, 14.0, 0.01, 0.0])
@@ -130,14 +129,6 @@ def test_a_limit_below_zero_is_found_from_draws_above_zero():
     profile = LikelihoodRegion(problem, theta[theta[:, 3] > 0]).profile("youngs_modulus")
     assert profile.interval == pytest.approx(problem.profile("youngs_modulus").interval, abs=1e-6)
     assert profile.interval[0] < -0.005
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("k13", "found coordinate 'k13'"), ("noise_scale", "no residual depends on noise_scale")],
-)
-def test_unknown_and_unseen_coordinates_are_refused(name, words):
-    refused(lambda: linear().profile(name), jb.ModelError, words)
 
 
 def test_between_two_modes_the_profile_is_as_low_as_the_likelihood():

@@ -12,7 +12,6 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import NaturalFrequencies
 from jointbayes.joint import Joint
 from jointbayes.report.fe_cards import PROGRAMS, fe_cards, joint_element
@@ -332,11 +331,6 @@ def test_a_bar_of_solid_elements_on_the_exported_joint_has_the_model_s_frequency
     rows = [line.split() for line in (tmp_path / "t.dat").read_text().splitlines()]
     found = [float(row[3]) for row in rows if len(row) == 5 and row[0].isdigit()]
     np.testing.assert_allclose(found[:2], [first, second], rtol=2e-3)
-
-
-def test_a_rotation_of_a_plain_node_is_none_in_calculix():
-    with pytest.raises(ModelError, match=r"found a rotation of node 1; expected the ROT NODE .* --node NAME:r="):
-        cards("calculix", GROUND, K2)
 
 
 # ---- what stands above, and what is refused

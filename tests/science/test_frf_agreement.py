@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from jointbayes.errors import ModelError
-from jointbayes.frf import AssembledModes, DirectSolve, LowRankCoupling, NaturalFrequencies, Ports, receptance_model
+from jointbayes.frf import AssembledModes, DirectSolve, NaturalFrequencies, Ports, receptance_model
 from jointbayes.joint import Joint
 from jointbayes.structure import LossFactor, ModalDamping, Rayleigh
 from tests.conftest import CLAMP, PAIR, TABLE_3, pair_matrix, rod
-from tests.one_line import refused
 from tests.oracles import differences, off_peak
 
 LAWS = [ModalDamping((0.01,)), ModalDamping((0.02, 0.005, 0.01)), LossFactor(0.02), Rayleigh(3.0, 1e-6)]
@@ -92,10 +90,3 @@ def test_the_tangent_of_natural_frequencies_is_their_derivative():
     for slope, difference, k in zip(tangent, by_hand, TABLE_3, strict=True):
         np.testing.assert_allclose(difference / k, slope, rtol=1e-5, atol=1e-9 * np.abs(slope).max())
     assert value.shape == (4,)
-
-
-def test_each_model_refuses_the_other_damping_law():
-    ports = Ports(LINES, ("11:y",), ("11:y",))
-    refused(lambda: LowRankCoupling(rod(), CLAMP, ports), ModelError, "modal sum instead")
-    lossy = rod(damping=LossFactor(0.01))
-    refused(lambda: AssembledModes(lossy, CLAMP, ports), ModelError, "low-rank coupling instead")

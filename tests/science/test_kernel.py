@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointbayes.errors import ModelError
 from jointbayes.frf import AssembledModes, DirectSolve, LowRankCoupling, Ports, synthesise_frf
 from jointbayes.frf.kernels.secular import springs
 from jointbayes.frf.modal import JoinedModes
@@ -169,12 +168,6 @@ def test_a_joint_that_resonates_undamped_on_a_line_is_impossible_and_counted():
     posterior.likelihood = SimpleNamespace(log_likelihood=lambda *_: values)
     assert np.isneginf(posterior(np.log([[k, 1.0, 3 * k], [2 * k, 1.0, 3 * k]]))[0])
     assert posterior.singular == 1
-
-
-def test_a_line_on_an_undamped_free_resonance_is_refused():
-    structure = Structure(np.diag([64.0, 0.0]), np.eye(2), LossFactor(0.0), ("1:y", "2:y"))
-    with pytest.raises(ModelError, match="undamped natural frequency"):
-        LowRankCoupling(structure, Joint(("2:y",)), Ports(np.array([8.0 / (2 * np.pi)]), ("1:y",), ("1:y",)))
 
 
 def joined_modes(structure, joint, motions):
