@@ -1,105 +1,37 @@
-"""A beam is a frame of one member: its matrices are those of elements integrated here from their shape functions."""
+"""A beam is a frame of one member: its elements, its mesh, its quantities."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.polynomial import Polynomial, legendre
 from numpy.testing import assert_allclose
 
 from jointbayes.frf import DirectSolve, NaturalFrequencies, Ports, receptance_model
-from jointbayes.structure import BeamFamily, BeamMaterial, BeamRecipe, LossFactor, ModalDamping, Section, beam
+from jointbayes.structure import (
+    BeamFamily,
+    BeamMaterial,
+    BeamRecipe,
+    FrameBody,
+    FrameRecipe,
+    LossFactor,
+    Member,
+    ModalDamping,
+    Section,
+    beam,
+)  # fmt: skip
 from jointbayes.structure.frame_recipe import ACCURACY, MANY, BodyMesh, element_error
-from jointbayes.structure.matrices import Reduction, Structure
+from jointbayes.structure.matrices import Reduction
 from tests.conftest import CLAMP, STEEL, TABLE_3, pair_matrix
 
 PAIR = pair_matrix(TABLE_3)
 #: Converged Timoshenko beam with Table 3's joint, computed elsewhere to more digits than these, Hz.
 CONVERGED = [121.5355, 752.3930, 2063.7317, 3927.7317, 6266.2214]
 SECTIONS = [Section.circle(0.025), Section.rectangle(0.04, 0.012), Section.box(0.03, 0.04, 0.002)]
-AT, WEIGHT = legendre.leggauss(16)
-AT, WEIGHT = (AT + 1) / 2, WEIGHT / 2  # on an element of unit length
 
 
 def recipe(**more):
     given = {"length": 0.383, "section": SECTIONS[0], "material": STEEL, "damping": ModalDamping((0.01,))} | more
     return BeamRecipe(**given)
-
-
-# the route of its own
-
-
-def lagrange(order):
-    """Values and slopes (2, p + 1, 16) of the polynomials that are 1 at one Gauss-Lobatto-Legendre point each."""
-    points = np.array([-1.0, *np.sort(legendre.Legendre.basis(order).deriv().roots().real), 1.0])
-    points = (points + 1) / 2
-    out = np.zeros((2, order + 1, AT.size))
-    for i, own in enumerate(points):
-        others = np.delete(points, i)
-        factors = (AT - others[:, None]) / (own - others)[:, None]
-        out[0, i] = factors.prod(axis=0)
-        out[1, i] = sum(np.delete(factors, k, 0).prod(axis=0) / (own - others[k]) for k in range(order))
-    return out
-
-
-def static_shapes(length, bending, shear):
-    """Deflection and rotation that loads at the ends of a Timoshenko beam leave, each as `lagrange` gives its own."""
-    x = Polynomial([0.0, length])  # of the share of the length
-    # constant shear force: θ = a + b x + c x², v' − θ = −2 c EI/κGA
-    rotations = [0 * x, x**0, x, x**2]
-    deflections = [x**0, x, x**2 / 2, x**3 / 3 - 2 * bending / shear * x]
-    ends = [[f(s) for s in (0, 1) for f in pair] for pair in zip(deflections, rotations, strict=True)]
-    of_ends = np.linalg.inv(ends)  # each row makes one of the four motions of the ends 1
-    return (
-        np.array([of_ends @ [f(AT) for f in each], of_ends @ [f.deriv()(AT) for f in each]])
-        for each in (deflections, rotations)
-    )
-
-
-def plane_element(length, order, bending, shear, mass, rotary):
-    """Stiffness and mass for (v, θ) at each node in turn, from ½∫EI θ'² + κGA (v' − θ)² and ½∫ρA v² + ρI θ²."""
-    if order:
-        v, theta = np.zeros((2, 2, 2 * (order + 1), AT.size))
-        v[:, ::2] = theta[:, 1::2] = lagrange(order)
-    else:
-        v, theta = static_shapes(length, bending, shear)
-
-    def integrated(functions):
-        return length * (functions * WEIGHT) @ functions.T
-
-    stiffness = bending * integrated(theta[1] / length) + shear * integrated(v[1] / length - theta[0])
-    return stiffness, mass * integrated(v[0]) + rotary * integrated(theta[0])
-
-
-def matrices(made, mesh):
-    """Stiffness and mass of a beam, assembled here from the lengths and orders of its elements."""
-    section, material, n = made.section, made.material, made.dofs_per_node
-    e, g, rho, area = material.youngs_modulus, material.shear_modulus, material.density, section.area
-    cowper = section.shear_coefficient(material.poissons_ratio)
-    along_y, along_z = (made.shear_coefficient or kappa for kappa in cowper)
-    in_plane = (1, 4) if n == 5 else (0, 1)
-    planes = [(section.inertia_z, along_y, in_plane, 1.0), (section.inertia_y, along_z, (2, 3), -1.0)]
-    each = [
-        (segment.stretch.length / count, order)
-        for segment, (count, order) in zip(mesh[0].segments, mesh[0].elements, strict=True)
-        for _ in range(count)
-    ]
-    nodes = 1 + sum(max(order, 1) for _, order in each)
-    out, first = np.zeros((2, n * nodes, n * nodes)), 0
-    for length, order in each:
-        here = n * (first + np.arange(max(order, 1) + 1))
-        for inertia, kappa, (v, t), sign in planes[: 1 if n == 2 else 2]:
-            rows = np.stack([here + v, here + t], axis=-1).ravel()
-            turn = np.tile([1.0, sign], len(here))  # ry = −∂w/∂x
-            parts = plane_element(length, order, e * inertia, kappa * g * area, rho * area, rho * inertia)
-            for whole, part in zip(out, parts, strict=True):
-                whole[np.ix_(rows, rows)] += part * np.outer(turn, turn)
-        if n == 5:
-            value, slope = lagrange(max(order, 1))
-            out[0][np.ix_(here, here)] += e * area / length * (slope * WEIGHT) @ slope.T
-            out[1][np.ix_(here, here)] += rho * area * length * (value * WEIGHT) @ value.T
-        first += max(order, 1)
-    return out
 
 
 def relative(found, expected):
@@ -109,25 +41,41 @@ def relative(found, expected):
 
 @pytest.mark.parametrize(("section", "kappa"), [(0, None), (0, 0.8), (1, 0.8), (2, None)])
 @pytest.mark.parametrize("dofs_per_node", [2, 5])
-@pytest.mark.parametrize(("element", "used"), [("paper", None), ("converged", None), ("converged", ("11:y", "4:rz"))])
-def test_matrices_are_those_of_its_elements_integrated_here(section, kappa, dofs_per_node, element, used):
-    more = {"shear_coefficient": kappa, "dofs_per_node": dofs_per_node, "element": element}
-    made = recipe(section=SECTIONS[section], **more)
-    mesh = made.mesh(used, 4000.0)
-    found, (stiffness, mass) = made.structure(mesh=mesh), matrices(made, mesh)
-    assert relative(found.stiffness, stiffness) < 1e-12
-    assert relative(found.mass, mass) < 1e-12
-    by_hand = Structure(stiffness, mass, made.damping, found.dofs)
-    frequency = by_hand.modes().frequency_hz
-    assert_allclose(found.modes().frequency_hz[:12], frequency[:12], rtol=1e-9)
+@pytest.mark.parametrize("element", ["paper", "converged"])
+def test_a_beam_is_the_frame_of_one_member(section, kappa, dofs_per_node, element):
+    """Frames are held against exact transfer matrices in `test_frame.py`."""
+    ways = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}[dofs_per_node]
+    at = range(1, 12) if element == "paper" else (1, 4, 11)
+    points = {str(i): (0.0383 * (i - 1), 0, 0) for i in at}
+    bar = Member(tuple(points), SECTIONS[section], STEEL, shear_coefficient=kappa)
+    made = recipe(section=SECTIONS[section], shear_coefficient=kappa, dofs_per_node=dofs_per_node, element=element)
+    frame = FrameRecipe(FrameBody(points, (bar,)), made.damping, ways, element=element)
+    beams = [one.structure(mesh=one.mesh(("11:y", "4:y"), 4000.0)) for one in (made, frame)]
     ports = Ports(np.arange(20.0, 4000.0, 83.0), ("11:y", "11:rz", "4:y"), ("11:y", "1:rz"))
-    one, other = (DirectSolve(each, CLAMP, ports).receptance(PAIR)[0] for each in (found, by_hand))
-    assert_allclose(one, other, atol=1e-9 * np.abs(other).max())
-    named = [label for label in found.dofs if "~" not in label]
-    directions = {2: ("y", "rz"), 5: ("x", "y", "z", "ry", "rz")}[dofs_per_node]
-    points = range(1, 12) if used is None else (1, 4, 11)
-    assert named == [f"{point}:{direction}" for point in points for direction in directions]
-    assert found.position("4:y") == pytest.approx((0.3 * 0.383, 0, 0))
+    one, other = (DirectSolve(each, CLAMP, ports).receptance(PAIR)[0] for each in beams)
+    assert_allclose(one, other, rtol=1e-7, atol=1e-8 * np.abs(other).max())
+    named = [label for label in beams[0].dofs if "~" not in label]
+    assert named == [f"{point}:{way}" for point in at for way in ways]
+    assert beams[0].position("4:y") == pytest.approx((0.3 * 0.383, 0, 0))
+
+
+def test_the_papers_element_in_space_is_its_two_planes_and_a_rod():
+    flat, upright = (Section.rectangle(*sides) for sides in ((0.04, 0.012), (0.012, 0.04)))
+    space, xy, xz = (
+        beam(0.383, section, STEEL, LossFactor(0.0), elements=2, dofs_per_node=count)
+        for section, count in ((flat, 5), (flat, 2), (upright, 2))
+    )
+    flip = np.tile([1.0, -1.0], 3)  # ry = -dw/dx
+    area, half = 0.04 * 0.012, 0.383 / 2
+    rods = ((2.1e11 * area / half, [1, -1]), (7800 * area * half / 6, [2, 1]))
+    for name, (size, (end, off)) in zip(("stiffness", "mass"), rods, strict=True):
+        whole, turned = np.array(getattr(space, name)), getattr(xz, name) * np.outer(flip, flip)
+        rod = size * np.array([[end, off, 0], [off, 2 * end, off], [0, off, end]])
+        for at, expected in (((1, 4), getattr(xy, name)), ((2, 3), turned), ((0,), rod)):
+            rows = np.array([5 * node + way for node in range(3) for way in at])
+            assert_allclose(whole[np.ix_(rows, rows)], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+            whole[np.ix_(rows, rows)] = 0
+        assert not whole.any()
 
 
 @pytest.mark.parametrize("element", ["paper", "converged"])
@@ -141,18 +89,18 @@ def test_factors_make_the_beam_that_states_its_quantities_so_much_larger(element
     }  # fmt: skip
     stated = replace(
         made, length=length, material=BeamMaterial(1.1 * 2.1e11, 0.3, 0.9 * 7800.0), section=Section.circle(0.02575),
-        shear_coefficient=0.93 * SECTIONS[0].shear_coefficient(0.3)[0],
+        shear_coefficient=0.93 * SECTIONS[0].shear_coefficient(0.3)[0], accelerometer_mass=1.2 * 0.01,
     )  # fmt: skip
+    bare = replace(stated, accelerometer_mass=0.0, added_mass=0.0)
     same = tuple(BodyMesh(of_body.segments, mesh[0].elements) for of_body in stated.mesh())
-    stiffness, mass = matrices(stated, same)
-    labels = stated.structure(mesh=same).dofs
-    at = ["1:y", *labels].index("11:y")
-    mass[at, at] += 1.2 * 0.01 + 0.003  # an accelerometer sits at translations alone
-    found = made.structure(factors, mesh)
-    assert relative(found.stiffness, stiffness[1:, 1:]) < 1e-12
-    assert relative(found.mass, mass[1:, 1:]) < 1e-12
-    assert found.dofs == labels
+    found, expected, light = made.structure(factors, mesh), *(one.structure(mesh=same) for one in (stated, bare))
+    assert relative(found.stiffness, expected.stiffness) < 1e-12
+    assert relative(found.mass, expected.mass) < 1e-12
+    assert found.dofs == expected.dofs
     assert found.damping.ratios == pytest.approx((0.013,))
+    weighed = np.argwhere(expected.mass != light.mass)  # an accelerometer sits at translations alone
+    assert weighed.tolist() == [[found.dofs.index("11:y")] * 2]
+    assert (expected.mass - light.mass).max() == pytest.approx(0.015)
 
 
 # how it is cut into elements
