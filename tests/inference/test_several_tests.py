@@ -82,7 +82,7 @@ def uncertain(length, names):
 
 
 def test_quantities_are_shared_by_all_tests_or_belong_to_the_one_they_are_named_after():
-    names = ("youngs_modulus", "length")
+    names = ("youngs_modulus", "density")
     tests = [
         jb.Test("long", uncertain(0.383, names), CLAMP, frfs(FULL, 1), ScaledNoise()),
         jb.Test("short", uncertain(0.2, names), CLAMP, frfs(SHORT, 2)),
@@ -90,15 +90,15 @@ def test_quantities_are_shared_by_all_tests_or_belong_to_the_one_they_are_named_
     known = Normal(0.0, 0.02)
     nuisances = (
         Nuisance("youngs_modulus", "GPa", 210.0, known),
-        Nuisance("long.length", "mm", 383.0, known),
-        Nuisance("short.length", "mm", 200.0, known),
+        Nuisance("long.density", "kg/m³", 7800.0, known),
+        Nuisance("short.density", "kg/m³", 7800.0, known),
         Nuisance("short.gain", "1", 1.0, known),
         Nuisance("noise_scale", "1", 1.0, known),
     )
     problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, nuisances))
-    length, gain = Nuisance("length", "mm", 300.0, known), Nuisance("gain", "1", 1.0, known)
-    first = alone(tests[0], JointPrior(PAIR, MARGINALS, (nuisances[0], length, nuisances[4])))
-    second = alone(tests[1], JointPrior(PAIR, MARGINALS, (nuisances[0], length, gain)))
+    density, gain = Nuisance("density", "kg/m³", 7800.0, known), Nuisance("gain", "1", 1.0, known)
+    first = alone(tests[0], JointPrior(PAIR, MARGINALS, (nuisances[0], density, nuisances[4])))
+    second = alone(tests[1], JointPrior(PAIR, MARGINALS, (nuisances[0], density, gain)))
     theta = np.concatenate([np.log(TABLE_3), [0.01, -0.02, 0.015, 0.03, 0.05]])
     expected = first.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4, 7]])
     expected = expected + second.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 5, 6]])
@@ -120,20 +120,20 @@ def test_quantities_are_shared_by_all_tests_or_belong_to_the_one_they_are_named_
 def test_noise_may_be_that_of_each_test():
     known = Normal(0.0, 0.5)
     tests = [
-        jb.Test("long", uncertain(0.383, ["length"]), CLAMP, LONG.data, ScaledNoise()),
-        jb.Test("short", uncertain(0.2, ["length"]), CLAMP, BRIEF.data, ScaledNoise()),
+        jb.Test("long", uncertain(0.383, ["density"]), CLAMP, LONG.data, ScaledNoise()),
+        jb.Test("short", uncertain(0.2, ["density"]), CLAMP, BRIEF.data, ScaledNoise()),
     ]
-    length, *noise = (Nuisance(name, "1", 1.0, known) for name in ("length", "long.noise_scale", "short.noise_scale"))
-    problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (length, *noise)))
+    density, *noise = (Nuisance(name, "1", 1.0, known) for name in ("density", "long.noise_scale", "short.noise_scale"))
+    problem = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (density, *noise)))
     assert problem.log_posterior.likelihood.hyper_count == 2
     theta = np.concatenate([np.log(TABLE_3), [0.01, 0.3, -0.2]])
-    prior = JointPrior(PAIR, MARGINALS, (length, Nuisance("noise_scale", "1", 1.0, known)))
+    prior = JointPrior(PAIR, MARGINALS, (density, Nuisance("noise_scale", "1", 1.0, known)))
     lone = [alone(one, prior) for one in tests]
     expected = [own.log_posterior.log_likelihood(theta[[0, 1, 2, 3, 4 + i]])[0] for i, own in enumerate(lone)]
     np.testing.assert_allclose(problem.log_posterior.log_likelihood(theta), [sum(expected)], rtol=1e-12)
     found = [part.log_posterior.log_likelihood(theta)[0] for part in problem.parts]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-    wrong = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (*noise, length)))
+    wrong = jb.Problem(tests=tests, prior=JointPrior(PAIR, MARGINALS, (*noise, density)))
     with pytest.raises(ModelError, match="expected those of the noise last"):
         wrong.log_posterior(theta)
 
