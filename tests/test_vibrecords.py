@@ -89,7 +89,9 @@ def test_every_module_that_its_readme_names_is_there():
 
 
 @pytest.mark.whole
-def test_its_tests_pass_alone():
+@pytest.mark.parametrize("done", ["collected", pytest.param("passed", marks=[pytest.mark.science, pytest.mark.long])])
+def test_its_tests_are_collected_and_pass_alone(done):
     options = [f"--confcutdir={TESTS}", "-p", "no:cacheprovider", "-q", "-m", "not science and not whole"]
+    options += ["--collect-only"] * (done == "collected")
     told = alone(f"import pytest\nsys.exit(pytest.main({[str(TESTS), *options]!r}))\n", ROOT)
-    assert int(re.search(r"(\d+) passed", told)[1]) > 50
+    assert int(re.search(rf"(\d+)(?:/\d+)? (?:tests )?{done}", told)[1]) > 50

@@ -207,6 +207,7 @@ def test_a_report_without_convergence_says_so_before_anything_else(unconverged, 
 
 
 @pytest.mark.science
+@pytest.mark.usefixtures("plain_reports")
 def test_what_init_writes_runs_as_it_stands(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "next: jointbayes run my_case.toml" in cli("init").output

@@ -120,6 +120,7 @@ def test_nothing_that_jointbayes_did_not_write_is_replaced(user, monkeypatch, co
 
 
 @pytest.mark.whole
+@pytest.mark.usefixtures("plain_reports")
 @pytest.mark.parametrize("form", ["csv", "nastran", "abaqus", "ansys"])
 def test_an_exported_file_and_a_figure_are_replaced(user, form):
     arguments = ("export", "draws.nc", "--format", form, "--to", "frf.out")
