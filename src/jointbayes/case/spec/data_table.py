@@ -49,6 +49,7 @@ from jointbayes.case.spec.fields import (
     not_negative,
     positive,
     raise_findings,
+    table_field,
     to_list,
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
@@ -66,8 +67,8 @@ _VARIABLE = 'the variable of the file that holds {}, as "H", "run.H", "run(2).H"
 _Name = Annotated[str, Field(min_length=1, max_length=400)]
 
 
-def _variable(held: str, example: str, or_number: str = "") -> object:
-    return key_field(_VARIABLE.format(held) + or_number, example)
+def _variable(held: str, example: str, or_number: str = "", **default: Any) -> Any:  # noqa: ANN401
+    return key_field(_VARIABLE.format(held) + or_number, example, **default)
 
 
 _OR = ", or the number itself in quotes"
@@ -78,27 +79,27 @@ class LayoutSpec(Spec):
     """Names of variables by what they stand for; where one of values is given, nothing else of the file is read."""
 
     axis: Annotated[Literal["time", "frequency_hz"] | None, _TABLE_AXIS] = None
-    frequency_hz: Annotated[_Name | None, _variable("the frequency lines in Hz", "Freq")] = None
-    omega_rad_s: Annotated[_Name | None, _variable("the lines in rad/s", "w")] = None
-    f_start_hz: Annotated[_Name | None, _variable("the first line in Hz", "f0", _OR)] = None
-    f_step_hz: Annotated[_Name | None, _variable("the distance of lines in Hz", "df", _OR)] = None
-    frf: Annotated[_Name | None, _variable("the complex FRFs", "H1")] = None
-    real: Annotated[_Name | None, _variable("the real part of the FRFs", "a")] = None
-    imaginary: Annotated[_Name | None, _variable("their imaginary part", "b")] = None
-    magnitude: Annotated[_Name | None, _variable("the magnitude of the FRFs", "A")] = None
-    magnitude_db: Annotated[_Name | None, _variable("the magnitude in dB, as 20 log10", "A")] = None
-    phase: Annotated[_Name | None, _variable("the phase, with its unit in its name", "P_deg")] = None
-    phase_deg: Annotated[_Name | None, _variable("the phase in degrees", "P")] = None
-    phase_rad: Annotated[_Name | None, _variable("the phase in radians", "P")] = None
-    coherence: Annotated[_Name | None, _variable("the coherence", "C")] = None
-    time: Annotated[_Name | None, _variable("the instants in s", "tt")] = None
-    sample_rate_hz: Annotated[_Name | None, _variable("the sampling rate in Hz", "rate", _OR)] = None
-    samples: Annotated[_Name | None, _variable("the samples of all channels, one column each", "data")] = None
-    force: Annotated[_Name | None, _variable("the force, hits in columns", "data(:,1)")] = None
-    response: Annotated[_Name | None, _variable("the response, hits in columns", "data(:,2)")] = None
-    mode_frequencies_hz: Annotated[_Name | None, _variable("the natural frequencies of modes in Hz", "freqs")] = None
-    damping_ratios: Annotated[_Name | None, _variable("the damping ratios of modes", "zeta")] = None
-    mode_shapes: Annotated[_Name | None, _variable("the shapes of modes, channels × modes", "V")] = None
+    frequency_hz: _Name | None = _variable("the frequency lines in Hz", "Freq", default=None)
+    omega_rad_s: _Name | None = _variable("the lines in rad/s", "w", default=None)
+    f_start_hz: _Name | None = _variable("the first line in Hz", "f0", _OR, default=None)
+    f_step_hz: _Name | None = _variable("the distance of lines in Hz", "df", _OR, default=None)
+    frf: _Name | None = _variable("the complex FRFs", "H1", default=None)
+    real: _Name | None = _variable("the real part of the FRFs", "a", default=None)
+    imaginary: _Name | None = _variable("their imaginary part", "b", default=None)
+    magnitude: _Name | None = _variable("the magnitude of the FRFs", "A", default=None)
+    magnitude_db: _Name | None = _variable("the magnitude in dB, as 20 log10", "A", default=None)
+    phase: _Name | None = _variable("the phase, with its unit in its name", "P_deg", default=None)
+    phase_deg: _Name | None = _variable("the phase in degrees", "P", default=None)
+    phase_rad: _Name | None = _variable("the phase in radians", "P", default=None)
+    coherence: _Name | None = _variable("the coherence", "C", default=None)
+    time: _Name | None = _variable("the instants in s", "tt", default=None)
+    sample_rate_hz: _Name | None = _variable("the sampling rate in Hz", "rate", _OR, default=None)
+    samples: _Name | None = _variable("the samples of all channels, one column each", "data", default=None)
+    force: _Name | None = _variable("the force, hits in columns", "data(:,1)", default=None)
+    response: _Name | None = _variable("the response, hits in columns", "data(:,2)", default=None)
+    mode_frequencies_hz: _Name | None = _variable("the natural frequencies of modes in Hz", "freqs", default=None)
+    damping_ratios: _Name | None = _variable("the damping ratios of modes", "zeta", default=None)
+    mode_shapes: _Name | None = _variable("the shapes of modes, channels × modes", "V", default=None)
 
 
 SensorQuantity = Literal["force", "displacement", "velocity", "acceleration"]
@@ -117,12 +118,7 @@ def _channel_table(value: object) -> object:
 
 
 _DOF = key_field('a DOF such as "11:y", or "-11:y" if it points the other way', "11:y")
-_UNIT = key_field(
-    'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g"
-)
 _MEASURES = key_field('what it measures, "force", "displacement", "velocity" or "acceleration"', "acceleration")
-_SENSITIVITY = positive("the volts for one of its unit, where the file holds volts", 0.01)
-_SENSOR_MASS = not_negative("the mass in g of the sensor, to be taken out of the FRFs", 2.0)
 
 
 class ChannelSpec(Spec):
@@ -130,10 +126,12 @@ class ChannelSpec(Spec):
 
     dof: Annotated[str, AfterValidator(_signed), _DOF]
     quantity: Annotated[SensorQuantity | None, _MEASURES] = None
-    unit: Annotated[str, max_length(60), _UNIT] = ""
-    sensitivity: Annotated[float | None, _SENSITIVITY] = None
-    gain: Annotated[float, positive("the factor by which the channel's signal is multiplied", 1.02)] = 1.0
-    accelerometer_mass_g: Annotated[float, _SENSOR_MASS] = 0.0
+    unit: Annotated[str, max_length(60)] = key_field(
+        'the unit of what it measures, as "g", "m/s^2" or "lbf", where the file does not say or is wrong', "g", ""
+    )
+    sensitivity: float | None = positive("the volts for one of its unit, where the file holds volts", 0.01, None)
+    gain: float = positive("the factor by which the channel's signal is multiplied", 1.02, 1.0)
+    accelerometer_mass_g: float = not_negative("the mass in g of the sensor, to be taken out of the FRFs", 2.0, 0.0)
 
     @property
     def label(self) -> str:
@@ -154,8 +152,6 @@ _STATIONS = key_field("two or three translations in order along the structure", 
 _SCHEME = key_field(
     'the differences, "first order" (two stations), "second order, end" or "second order, centre"', "first order"
 )
-_SPACING = positive("the distance of neighbouring stations in mm", 20.0)
-_AXIS = key_field('the axis along which the stations lie, "x", "y" or "z"', "x")
 _USE = key_field("true (the rotation is data, its stations are not) or false (it serves the iteration)", False)
 
 
@@ -164,9 +160,9 @@ class RotationSpec(Spec):
 
     stations: Annotated[Labels, Field(min_length=2, max_length=3), _STATIONS]
     scheme: Annotated[Literal["first order", "second order, end", "second order, centre"], _SCHEME] = "first order"
-    spacing_mm: Annotated[float | None, _SPACING] = None
+    spacing_mm: float | None = positive("the distance of neighbouring stations in mm", 20.0, None)
     in_likelihood: Annotated[bool, _USE] = False
-    axis: Annotated[Literal["x", "y", "z"], _AXIS] = "x"
+    axis: Literal["x", "y", "z"] = key_field('the axis along which the stations lie, "x", "y" or "z"', "x", "x")
 
     def rotation(self, label: str, spacing_mm: float) -> Rotation:
         """The rotation of this label, its stations so far apart; negative where they run backwards."""
@@ -185,8 +181,8 @@ class VarianceSpec(Spec):
     used_with = {"averages": ("source", "coherence")}  # noqa: RUF012 (no field)
 
     source: Annotated[Literal["coherence", "repeats", "relative"], _SOURCE] = "coherence"
-    relative: Annotated[float, not_negative("the least standard deviation as a fraction of |H|", 0.001)] = 0.001
-    floor: Annotated[float, not_negative("the least standard deviation as a fraction of the median |H|", 0.001)] = 0.0
+    relative: float = not_negative("the least standard deviation as a fraction of |H|", 0.001, 0.001)
+    floor: float = not_negative("the least standard deviation as a fraction of the median |H|", 0.001, 0.0)
     averages: Annotated[int | None, _MEASURED_AVERAGES] = None
 
     def built(self) -> VarianceSource:
@@ -203,12 +199,8 @@ class VarianceSpec(Spec):
             yield from law_findings(self)
 
 
-_METHOD = key_field('how the structure was excited, "impact" or "shaker"', "impact")
-_WINDOW = key_field('the window of the blocks, "hann" or "boxcar"', "hann")
-_LENGTH = positive("the length of a block in s", 1.0)
 _PULSE = Field(gt=0, description="how long after its trigger the force counts in s, above 0", examples=[0.005])
 _END = key_field("what is left of the exponential window at the end of a block, above 0 and at most 1", 0.05)
-_RANGE = positive("the full scale of the force channel in N", 500.0)
 _OVERLAP = Field(ge=0, lt=1, description="the overlap of blocks, a number of at least 0 and below 1", examples=[0.5])
 
 
@@ -220,41 +212,38 @@ class RecordsSpec(Spec):
         **dict.fromkeys(("overlap", "window"), ("method", "shaker")),
     }
 
-    method: Annotated[Literal["impact", "shaker"], _METHOD]
+    method: Literal["impact", "shaker"] = key_field('how the structure was excited, "impact" or "shaker"', "impact")
     estimator: Annotated[Literal["H1", "H2", "Hv"], ESTIMATOR] = "H1"
-    block_s: Annotated[float | None, _LENGTH] = None
-    pretrigger_s: Annotated[float, not_negative("how long before its trigger a block begins, in s", 0.01)] = 0.0
+    block_s: float | None = positive("the length of a block in s", 1.0, None)
+    pretrigger_s: float = not_negative("how long before its trigger a block begins, in s", 0.01, 0.0)
     force_window_s: Annotated[float | None, _PULSE] = None
     exponential_end: Annotated[Fraction, _END] = 1.0
-    force_range_n: Annotated[float | None, _RANGE] = None
+    force_range_n: float | None = positive("the full scale of the force channel in N", 500.0, None)
     overlap: Annotated[float, _OVERLAP] = 0.5
-    window: Annotated[Literal["hann", "boxcar"], _WINDOW] = "hann"
+    window: Literal["hann", "boxcar"] = key_field('the window of the blocks, "hann" or "boxcar"', "hann", "hann")
 
     def _findings(self) -> Iterator[Finding]:
         if self.method == "shaker" and self.block_s is None:
             yield Finding(("block_s",), missing=True)
 
 
-_PLACE = key_field("the place of the point in mm, [x, y, z]", [383.0, 0.0, 0.0])
 _SENSORS_MM = key_field(
     'the place in mm of each sensor or hit, by what stands before the colon of the DOFs of its channels',
     {"101": [383.0, 20.0, 0.0]}, min_length=1,
 )  # fmt: skip
-_DIRECTIONS = key_field(
-    "the direction of a channel's DOF, where it is not along the axis of its label", {"101:y": [0.0, 0.8, 0.6]}
-)
-_POINT_DOFS = key_field("those of the point's six DOFs that are wanted", ["y", "rz"])
 _Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
 
 
 class VirtualPointSpec(Spec):
     """A point of a rigid face, whose DOFs follow from the sensors on the face."""
 
-    place_mm: Annotated[Vector, _PLACE]
+    place_mm: Vector = key_field("the place of the point in mm, [x, y, z]", [383.0, 0.0, 0.0])
     sensors_mm: Annotated[dict[str, Vector], max_length(MOST_LABELS), _SENSORS_MM]
-    directions: Annotated[dict[Label, Vector], max_length(MOST_LABELS), _DIRECTIONS] = {}  # noqa: RUF012 (frozen model)
-    dofs: Annotated[ListOf[_Direction], Field(min_length=1), AfterValidator(distinct), _POINT_DOFS] = get_args(
-        _Direction
+    directions: Annotated[dict[Label, Vector], max_length(MOST_LABELS)] = key_field(
+        "the direction of a channel's DOF, where it is not along the axis of its label", {"101:y": [0.0, 0.8, 0.6]}, {}
+    )
+    dofs: Annotated[ListOf[_Direction], AfterValidator(distinct)] = key_field(
+        "those of the point's six DOFs that are wanted", ["y", "rz"], get_args(_Direction), min_length=1
     )
 
     def point(self, name: str, channels: Iterable[str]) -> VirtualPoint:
@@ -275,12 +264,8 @@ class VirtualPointSpec(Spec):
                 yield Finding(("directions", label), "found a direction of no length", "another", "correct it")
 
 
-_RECORDS = Field(description="how FRFs are made from time histories: method")
 _LAYOUT = Field(description="what the variables of the files stand for: frequency_hz, frf, time, force and others")
 _FILE = key_field("the name of a measurement file, or a list of names", "tip.uff")
-_MAP = key_field(
-    'a DOF for each channel that is used, as "Point:11:Y+" = "11:y"', {"Point:11:Y+": "11:y"}, min_length=1
-)
 _MEASURED_QUANTITY = key_field(
     'what the FRFs are, "receptance", "mobility" or "accelerance", where the file does not say or is wrong',
     "accelerance",
@@ -295,14 +280,10 @@ _TAU = Field(
     examples=[0.25],
 )
 _VARIANCE = Field(description="the variance of the FRFs: source")
-_VIRTUAL_POINTS = key_field(
-    "a table for each point of a rigid face whose DOFs follow from sensors, as [data.virtual_points.11]", {}
-)
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 _Band = tuple[Annotated[float, Field(ge=0)], Positive]
-_Channels = dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]]
 
 
 class MeasuredSpec(DataTable):
@@ -310,18 +291,22 @@ class MeasuredSpec(DataTable):
 
     file: Annotated[ListOf[_FileName], Field(min_length=1), BeforeValidator(to_list), max_length(MOST_FILES), _FILE]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _MEASURED_QUANTITY] = None
-    f_min_hz: Annotated[float | None, positive("the lowest frequency used in Hz", 20.0)] = None
-    f_max_hz: Annotated[float | None, positive("the highest frequency used in Hz", 2500.0)] = None
+    f_min_hz: float | None = positive("the lowest frequency used in Hz", 20.0, None)
+    f_max_hz: float | None = positive("the highest frequency used in Hz", 2500.0, None)
     exclude_hz: Annotated[ListOf[Annotated[_Band, Strict(False)]], max_length(1000), _EXCLUDED] = ()
     conjugate: Annotated[bool, _CONJUGATE] = False
     exponential_tau_s: Annotated[float | None, _TAU] = None
-    thin: Annotated[int | None, count_field("every how many lines one is kept", 2, 1, 10_000)] = None
+    thin: int | None = count_field("every how many lines one is kept", 2, 1, 10_000, default=None)
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
-    channels: Annotated[_Channels, _MAP]
+    channels: dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]] = key_field(
+        'a DOF for each channel that is used, as "Point:11:Y+" = "11:y"', {"Point:11:Y+": "11:y"}, min_length=1
+    )
     layout: Annotated[LayoutSpec | None, _LAYOUT] = None
-    records: Annotated[RecordsSpec | None, _RECORDS] = None
+    records: RecordsSpec | None = table_field("how FRFs are made from time histories: method", None)
     variance: Annotated[VarianceSpec | None, _VARIANCE] = None
-    virtual_points: Annotated[dict[str, VirtualPointSpec], _VIRTUAL_POINTS] = {}  # noqa: RUF012 (frozen model)
+    virtual_points: dict[str, VirtualPointSpec] = key_field(
+        "a table for each point of a rigid face whose DOFs follow from sensors, as [data.virtual_points.11]", {}, {}
+    )
 
     @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
@@ -382,12 +367,10 @@ class MeasuredFrfSpec(MeasuredSpec):
     frfs: ClassVar[bool] = True
 
     kind: Annotated[Literal["measured_frf"], DATA_KIND]
-    outputs: Annotated[Labels, key_field("a list of the measured DOFs used; empty: all", ["11:y"])] = ()
-    inputs: Annotated[Labels, key_field("a list of the excited DOFs used; empty: all", ["11:y"])] = ()
+    outputs: Labels = key_field("a list of the measured DOFs used; empty: all", ["11:y"], ())
+    inputs: Labels = key_field("a list of the excited DOFs used; empty: all", ["11:y"], ())
     variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
-    rotations: Annotated[
-        dict[Label, RotationSpec], key_field('a table for each rotation, as [data.rotations."1:rz"]', {})
-    ] = {}  # noqa: RUF012 (frozen model)
+    rotations: dict[Label, RotationSpec] = key_field('a table for each rotation, as [data.rotations."1:rz"]', {}, {})
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
         """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`.
@@ -416,9 +399,9 @@ class MeasuredFrequenciesSpec(MeasuredSpec):
     """Natural frequencies of the modes that FRFs of measurement files show, the lowest ones."""
 
     kind: Annotated[Literal["measured_frequencies"], DATA_KIND]
-    modes: Annotated[int | None, count_field("how many modes are used, the lowest ones", 3, 1, 1000)] = None
-    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.001)] = 0.0
-    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.1)] = 0.0
+    modes: int | None = count_field("how many modes are used, the lowest ones", 3, 1, 1000, default=None)
+    sd_relative: float = not_negative("the standard deviation as a fraction", 0.001, 0.0)
+    sd_hz: float = not_negative("the standard deviation in Hz", 0.1, 0.0)
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
         """Natural frequencies."""
@@ -427,7 +410,6 @@ class MeasuredFrequenciesSpec(MeasuredSpec):
         return {"frequencies": FrequencyPlan(self.modes, self.sd_relative, self.sd_hz)}
 
 
-_BODY_KIND = key_field('the kind of body, "measured"', "measured")
 _PROPAGATE = key_field(
     "true (the noise of the FRFs counts in the likelihood) or false (it is ignored: intervals are too narrow)", True
 )
@@ -437,7 +419,7 @@ _BODY_ROTATIONS = key_field('a table for each rotation, as [bodies.spindle.rotat
 class MeasuredBodySpec(MeasuredSpec):
     """A body given by its FRFs between the DOFs that its channels stand for, and rotations between them."""
 
-    kind: Annotated[Literal["measured"], _BODY_KIND]
+    kind: Literal["measured"] = key_field('the kind of body, "measured"', "measured")
     variance: Annotated[VarianceSpec, _VARIANCE] = VarianceSpec()
     rotations: Annotated[dict[Label, RotationSpec], _BODY_ROTATIONS] = {}  # noqa: RUF012 (frozen model)
     propagate: Annotated[bool, _PROPAGATE] = True
@@ -478,16 +460,11 @@ def _repeated(depth: int) -> BeforeValidator:
 
 _Number = Annotated[float, Field(allow_inf_nan=True)]  # NaN where nothing was observed
 _Row = Annotated[ListOf[_Number], Field(min_length=1), max_length(_MOST_MODES)]
-_Rows = Annotated[
-    ListOf[_Row], Field(min_length=1), AfterValidator(even), _repeated(2),
-    max_length(_MOST_REPETITIONS),
-]  # fmt: skip
+_Repeated = Field(min_length=1), AfterValidator(even), max_length(_MOST_REPETITIONS)
+_Rows = Annotated[ListOf[_Row], *_Repeated, _repeated(2)]
 _Shape = Annotated[ListOf[_Number], Field(min_length=1), max_length(MOST_LABELS)]
 _Shapes = Annotated[ListOf[_Shape], Field(min_length=1), max_length(_MOST_MODES)]
-_AllShapes = Annotated[
-    ListOf[_Shapes], Field(min_length=1), AfterValidator(even), _repeated(3),
-    max_length(_MOST_REPETITIONS),
-]  # fmt: skip
+_AllShapes = Annotated[ListOf[_Shapes], *_Repeated, _repeated(3)]
 _EachLabel = Annotated[ListOf[Label], Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)]
 _EachMode = Annotated[
     ListOf[Annotated[float, Field(ge=0)]], Field(min_length=1), BeforeValidator(to_list), max_length(_MOST_MODES)
@@ -509,37 +486,24 @@ _RATIOS = key_field(
     "the damping ratios, from 0 to below 1, a list for each repetition of the test as the frequencies", [0.01, 0.012]
 )
 _DOFS = key_field("a list of at least one DOF at which shapes were measured, without the reference", ["1:y", "6:y"])
-_REFERENCE = key_field("the DOF whose component is 1, or a list of such, one for each mode", "11:y")
-_COMPONENTS = key_field(
-    "the components of the shapes over that at the reference: a list for each mode of one for each DOF, or a list of "
-    "such lists, one for each repetition of the test; nan where none was found",
-    [[0.1, 0.4], [-0.3, -0.6]],
-)
 _ZERO_DOF = key_field("the DOF that was excited and measured, or a list of such, one for each antiresonance", "11:y")
-_ZEROS = key_field(
-    "the antiresonances in Hz, a list for each repetition of the test, as the frequencies", [82.0, 520.0]
-)
 _ZERO_NUMBERS = key_field(
     "the number of each antiresonance among those of its DOF, from 1; by default the lowest, as they stand", [1, 2]
 )
-_PAIR_OUTPUTS = key_field("a list of the measured DOFs", ["6:y", "11:y"])
-_PAIR_INPUTS = key_field("the DOF that was excited, or a list of such, one for each of outputs", "11:y")
-_CONSTANTS = key_field(
-    "the modal constants of unit modal mass in 1/kg, with signs: lists as of components of shapes", [[0.4, 1.2]]
-)
 _MATCH = key_field('how modes are matched, by "number" or by "shape"', "number")
-_NUMBERS = key_field(
-    "the number of each mode among those of the assembled structure, from 1; by default the lowest", [1, 3]
-)
 
 
 class ModeShapesSpec(Spec):
     """Components of mode shapes relative to a reference DOF."""
 
     dofs: Annotated[Labels, Field(min_length=1), _DOFS]
-    reference: Annotated[_EachLabel, _REFERENCE]
-    components: Annotated[_AllShapes, _COMPONENTS]
-    sd: Annotated[_EachMode, key_field(f"the standard deviation of a component, {_EACH}", 0.02)]
+    reference: _EachLabel = key_field("the DOF whose component is 1, or a list of such, one for each mode", "11:y")
+    components: _AllShapes = key_field(
+        "the components of the shapes over that at the reference: a list for each mode of one for each DOF, or a list "
+        "of such lists, one for each repetition of the test; nan where none was found",
+        [[0.1, 0.4], [-0.3, -0.6]],
+    )
+    sd: _EachMode = key_field(f"the standard deviation of a component, {_EACH}", 0.02)
 
 
 class AntiresonancesSpec(Spec):
@@ -550,9 +514,11 @@ class AntiresonancesSpec(Spec):
     }  # fmt: skip
 
     dof: Annotated[_EachLabel, _ZERO_DOF]
-    frequencies_hz: Annotated[_Rows, _ZEROS]
-    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH_ZERO}", 0.005)] = (0.0,)
-    sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH_ZERO}", 0.5)] = (0.0,)
+    frequencies_hz: _Rows = key_field(
+        "the antiresonances in Hz, a list for each repetition of the test, as the frequencies", [82.0, 520.0]
+    )
+    sd_relative: _EachMode = key_field(f"the standard deviation as a fraction, {_EACH_ZERO}", 0.005, (0.0,))
+    sd_hz: _EachMode = key_field(f"the standard deviation in Hz, {_EACH_ZERO}", 0.5, (0.0,))
     numbers: Annotated[_Numbers | None, _ZERO_NUMBERS] = None
 
     @property
@@ -571,11 +537,13 @@ class AntiresonancesSpec(Spec):
 class ConstantsSpec(Spec):
     """Modal constants of pairs of DOFs."""
 
-    outputs: Annotated[_EachLabel, _PAIR_OUTPUTS]
-    inputs: Annotated[_EachLabel, _PAIR_INPUTS]
-    values_per_kg: Annotated[_AllShapes, _CONSTANTS]
-    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.05)] = (0.0,)
-    sd_per_kg: Annotated[_EachMode, key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02)] = (0.0,)
+    outputs: _EachLabel = key_field("a list of the measured DOFs", ["6:y", "11:y"])
+    inputs: _EachLabel = key_field("the DOF that was excited, or a list of such, one for each of outputs", "11:y")
+    values_per_kg: _AllShapes = key_field(
+        "the modal constants of unit modal mass in 1/kg, with signs: lists as of components of shapes", [[0.4, 1.2]]
+    )
+    sd_relative: _EachMode = key_field(f"the standard deviation as a fraction, {_EACH}", 0.05, (0.0,))
+    sd_per_kg: _EachMode = key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02, (0.0,))
 
     def built(self) -> ModalConstants:
         """The modal constants."""
@@ -603,21 +571,21 @@ class ModesSpec(DataTable):
     kind: Annotated[Literal["modes"], DATA_KIND]
     frequencies_hz: Annotated[_Rows | None, _FREQUENCIES] = None
     eigenvalues: Annotated[_Rows | None, _EIGENVALUES] = None
-    sd_relative: Annotated[_EachMode, key_field(f"the standard deviation as a fraction, {_EACH}", 0.005)] = (0.0,)
-    sd_hz: Annotated[_EachMode, key_field(f"the standard deviation in Hz, {_EACH}", 0.5)] = (0.0,)
-    eigenvalue_sd: Annotated[
-        _EachMode, key_field(f"the standard deviation of an eigenvalue in rad2/s2, {_EACH}", 24.0)
-    ] = (0.0,)
+    sd_relative: _EachMode = key_field(f"the standard deviation as a fraction, {_EACH}", 0.005, (0.0,))
+    sd_hz: _EachMode = key_field(f"the standard deviation in Hz, {_EACH}", 0.5, (0.0,))
+    eigenvalue_sd: _EachMode = key_field(f"the standard deviation of an eigenvalue in rad2/s2, {_EACH}", 24.0, (0.0,))
     damping_ratios: Annotated[_Rows | None, _RATIOS] = None
-    damping_sd_relative: Annotated[
-        _EachMode, key_field(f"the standard deviation of a damping ratio as a fraction of it, {_EACH}", 0.1)
-    ] = (0.0,)
-    damping_sd: Annotated[_EachMode, key_field(f"the standard deviation of a damping ratio, {_EACH}", 0.001)] = (0.0,)
-    numbers: Annotated[_Numbers | None, _NUMBERS] = None
+    damping_sd_relative: _EachMode = key_field(
+        f"the standard deviation of a damping ratio as a fraction of it, {_EACH}", 0.1, (0.0,)
+    )
+    damping_sd: _EachMode = key_field(f"the standard deviation of a damping ratio, {_EACH}", 0.001, (0.0,))
+    numbers: _Numbers | None = key_field(
+        "the number of each mode among those of the assembled structure, from 1; by default the lowest", [1, 3], None
+    )
     match: Annotated[Literal["number", "shape"], _MATCH] = "number"
-    shapes: Annotated[ModeShapesSpec | None, Field(description=_SHAPES_TABLE)] = None
-    zeros: Annotated[AntiresonancesSpec | None, Field(description=_ZEROS_TABLE)] = None
-    constants: Annotated[ConstantsSpec | None, Field(description=_CONSTANTS_TABLE)] = None
+    shapes: ModeShapesSpec | None = table_field(_SHAPES_TABLE, None)
+    zeros: AntiresonancesSpec | None = table_field(_ZEROS_TABLE, None)
+    constants: ConstantsSpec | None = table_field(_CONSTANTS_TABLE, None)
 
     @property
     def frequencies(self) -> tuple[tuple[float, ...], ...]:
@@ -724,12 +692,12 @@ _RATIO = key_field("the damping ratio that makes the data, from 0 to below 1, or
 class NoiseSpec(Spec):
     """Noise of synthetic data: relative to |H| with a floor, or the one that a coherence leaves after averaging."""
 
-    relative: Annotated[float, not_negative("the standard deviation as a fraction of |H|", 0.03)] = 0.0
-    floor: Annotated[float, not_negative("the standard deviation as a fraction of the median |H|", 0.01)] = 0.0
+    relative: float = not_negative("the standard deviation as a fraction of |H|", 0.03, 0.0)
+    floor: float = not_negative("the standard deviation as a fraction of the median |H|", 0.01, 0.0)
     coherence: Annotated[float | None, _COHERENCE] = None
     averages: Annotated[int | None, _AVERAGES] = None
-    seed: Annotated[int, count_field("the seed", 1, 0)]
-    added: Annotated[bool, key_field("true (noise in the data) or false (in the likelihood only)", True)] = True
+    seed: int = count_field("the seed", 1, 0)
+    added: bool = key_field("true (noise in the data) or false (in the likelihood only)", True, True)
 
     def built(self) -> NoiseLaw:
         """The law."""
@@ -753,11 +721,11 @@ class NoiseSpec(Spec):
 class TruthSpec(NamedStiffnessSpec):
     """The joint that makes the data, and where the structure that makes them differs from `[structure]`."""
 
-    youngs_modulus_gpa: Annotated[float | None, positive("Young's modulus in GPa that makes the data", 210.0)] = None
-    density_kg_m3: Annotated[float | None, positive("the density in kg/m³ that makes the data", 7800.0)] = None
-    length_mm: Annotated[float | None, positive("the length of the beam in mm that makes the data", 360.0)] = None
+    youngs_modulus_gpa: float | None = positive("Young's modulus in GPa that makes the data", 210.0, None)
+    density_kg_m3: float | None = positive("the density in kg/m³ that makes the data", 7800.0, None)
+    length_mm: float | None = positive("the length of the beam in mm that makes the data", 360.0, None)
     accelerometer_mass_g: Annotated[float | None, _MASS] = None
-    gain: Annotated[float, positive("the factor on the measured FRFs", 1.02)] = 1.0
+    gain: float = positive("the factor on the measured FRFs", 1.02, 1.0)
     damping_ratio: Annotated[Ratios | None, _RATIO] = None
 
 
@@ -770,15 +738,15 @@ class SyntheticFrfSpec(DataTable):
     frfs: ClassVar[bool] = True
 
     kind: Annotated[Literal["synthetic_frf"], DATA_KIND]
-    outputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one measured DOF", ["11:y"])]
-    inputs: Annotated[Labels, Field(min_length=1), key_field("a list of at least one excited DOF", ["11:y"])]
+    outputs: Annotated[Labels, Field(min_length=1)] = key_field("a list of at least one measured DOF", ["11:y"])
+    inputs: Annotated[Labels, Field(min_length=1)] = key_field("a list of at least one excited DOF", ["11:y"])
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"], _QUANTITY] = "receptance"
-    f_min_hz: Annotated[float | None, positive("the lowest frequency in Hz", 20.0)] = None
-    f_max_hz: Annotated[float | None, positive("the highest frequency in Hz", 2500.0)] = None
-    f_step_hz: Annotated[float | None, positive("the distance of the lines in Hz", 1.0)] = None
+    f_min_hz: float | None = positive("the lowest frequency in Hz", 20.0, None)
+    f_max_hz: float | None = positive("the highest frequency in Hz", 2500.0, None)
+    f_step_hz: float | None = positive("the distance of the lines in Hz", 1.0, None)
     frequencies_hz: Annotated[Frequencies | None, FREQUENCIES] = None
-    truth: Annotated[TruthSpec, Field(description="the joint that makes the data: k11, k12, k22")]
-    noise: Annotated[NoiseSpec, Field(description="the noise: relative, floor, seed")]
+    truth: TruthSpec = Field(description="the joint that makes the data: k11, k12, k22")
+    noise: NoiseSpec = Field(description="the noise: relative, floor, seed")
 
     @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
@@ -833,9 +801,9 @@ class NaturalFrequenciesSpec(DataTable):
     field_keys = {"sd_hz": "sd_relative"}  # noqa: RUF012 (no field)
 
     kind: Annotated[Literal["natural_frequencies"], DATA_KIND]
-    frequencies_hz: Annotated[Frequencies, Field(min_length=1), FREQUENCIES]
-    sd_relative: Annotated[float, not_negative("the standard deviation as a fraction", 0.005)] = 0.0
-    sd_hz: Annotated[float, not_negative("the standard deviation in Hz", 0.5)] = 0.0
+    frequencies_hz: Annotated[Frequencies, FREQUENCIES] = Field(min_length=1)
+    sd_relative: float = not_negative("the standard deviation as a fraction", 0.005, 0.0)
+    sd_hz: float = not_negative("the standard deviation in Hz", 0.5, 0.0)
 
     @property
     def least_modes(self) -> Mapping[KeyPath, int]:

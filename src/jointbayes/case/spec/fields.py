@@ -267,9 +267,14 @@ def numbers_in(value: object, place: KeyPath = ()) -> Iterator[tuple[KeyPath, fl
         yield from numbers_in(entry, (*place, key))
 
 
-def key_field(description: str, example: object, **limits: Any) -> object:  # noqa: ANN401 (as pydantic's)
-    """Field with what is expected of it, and an example."""
-    return Field(description=description, examples=[example], **limits)
+def key_field(description: str, example: object, default: Any = ..., **limits: Any) -> Any:  # noqa: ANN401 (as pydantic's)
+    """Field with what is expected of it, and an example; without a default the key has to be there."""
+    return Field(default, description=description, examples=[example], **limits)
+
+
+def table_field(description: str, default: Any = ..., **limits: Any) -> Any:  # noqa: ANN401 (as pydantic's)
+    """Field of a table, of which no example fits a line."""
+    return Field(default, description=description, **limits)
 
 
 def either(words: Iterable[str]) -> str:
@@ -293,20 +298,20 @@ ESTIMATOR = key_field('the estimator of the FRFs, "H1", "H2" or "Hv"', "H1")
 FREQUENCIES = key_field("the frequencies in Hz, a list of numbers above 0 that increase", [120.0, 762.0])
 
 
-def positive(what: str, example: float) -> object:
+def positive(what: str, example: float, default: Any = ...) -> Any:  # noqa: ANN401 (as pydantic's)
     """Field for a number above zero."""
-    return Field(gt=0, description=f"{what}, a number greater than 0", examples=[example])
+    return key_field(f"{what}, a number greater than 0", example, default, gt=0)
 
 
-def not_negative(what: str, example: float) -> object:
+def not_negative(what: str, example: float, default: Any = ...) -> Any:  # noqa: ANN401 (as pydantic's)
     """Field for a number of at least zero."""
-    return Field(ge=0, description=f"{what}, a number of at least 0", examples=[example])
+    return key_field(f"{what}, a number of at least 0", example, default, ge=0)
 
 
-def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step: int = 1) -> object:
+def count_field(what: str, example: int, least: int, most: int = 2**32 - 1, step: int = 1, **default: Any) -> Any:  # noqa: ANN401
     """Field for a whole number within limits."""
     text = f"{what}, {'a whole' if step == 1 else 'an even'} number from {least} to {most}"
-    return Field(ge=least, le=most, multiple_of=step, description=text, examples=[example])
+    return key_field(text, example, ge=least, le=most, multiple_of=step, **default)
 
 
 #: A number from 1, or a word; of one body among several with the body's name before it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
 
@@ -22,6 +22,7 @@ from jointbayes.case.spec.fields import (
     metres,
     not_negative,
     positive,
+    table_field,
 )
 from jointbayes.joint import (
     COORDINATES,
@@ -165,40 +166,40 @@ class LogUniformPriorSpec(_PriorSpec):
     """Every order of magnitude between two bounds is equally probable."""
 
     distribution: Annotated[Literal["log_uniform"], _DISTRIBUTION]
-    low: Annotated[float, positive(f"the lower bound {_UNIT}", 1e6)]
-    high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e11)]
+    low: float = positive(f"the lower bound {_UNIT}", 1e6)
+    high: float = positive(f"the upper bound {_UNIT}", 1e11)
 
 
 class LogNormalPriorSpec(_PriorSpec):
     """The logarithm of the stiffness is normal about the logarithm of the median."""
 
     distribution: Annotated[Literal["log_normal"], _DISTRIBUTION]
-    median: Annotated[float, positive(f"the median {_UNIT}", 1e9)]
-    sd_log: Annotated[float, positive("the standard deviation of the natural logarithm", 1.0)]
+    median: float = positive(f"the median {_UNIT}", 1e9)
+    sd_log: float = positive("the standard deviation of the natural logarithm", 1.0)
 
 
 class DecadesPriorSpec(_PriorSpec):
     """A guess that is good to so many decades either way with 95 % probability."""
 
     distribution: Annotated[Literal["decades"], _DISTRIBUTION]
-    guess: Annotated[float, positive(f"the guess {_UNIT}", 1e9)]
-    decades: Annotated[float, positive("the decades the guess may be off, 95 % inside", 1.0)]
+    guess: float = positive(f"the guess {_UNIT}", 1e9)
+    decades: float = positive("the decades the guess may be off, 95 % inside", 1.0)
 
 
 class UniformStiffnessPriorSpec(_PriorSpec):
     """Every value of the stiffness itself is equally probable between two bounds."""
 
     distribution: Annotated[Literal["uniform"], _DISTRIBUTION]
-    low: Annotated[float, not_negative(f"the lower bound {_UNIT}", 1e6)]
-    high: Annotated[float, positive(f"the upper bound {_UNIT}", 1e8)]
+    low: float = not_negative(f"the lower bound {_UNIT}", 1e6)
+    high: float = positive(f"the upper bound {_UNIT}", 1e8)
 
 
 class NormalStiffnessPriorSpec(_PriorSpec):
     """The stiffness itself is normal, cut off at zero."""
 
     distribution: Annotated[Literal["normal"], _DISTRIBUTION]
-    mean: Annotated[float, positive(f"the mean {_UNIT}", 1e8)]
-    sd: Annotated[float, positive(f"the standard deviation {_UNIT}", 2e7)]
+    mean: float = positive(f"the mean {_UNIT}", 1e8)
+    sd: float = positive(f"the standard deviation {_UNIT}", 2e7)
 
 
 _StiffnessPrior = (
@@ -215,9 +216,9 @@ def _uniform_prior(axis: Coordinate) -> type[Spec]:
 
     class BoundedPriorSpec(_PriorSpec):
         # every value of the coordinate is equally probable between two bounds
-        distribution: Annotated[Literal["uniform"], key_field(kind, "uniform")]
-        low: Annotated[float, Field(ge=least, le=most), key_field(f"the lower bound, a number {within}", -1.0)]
-        high: Annotated[float, Field(ge=least, le=most), key_field(f"the upper bound, a number {within}", 1.0)]
+        distribution: Literal["uniform"] = key_field(kind, "uniform")
+        low: Annotated[float, Field(ge=least, le=most)] = key_field(f"the lower bound, a number {within}", -1.0)
+        high: Annotated[float, Field(ge=least, le=most)] = key_field(f"the upper bound, a number {within}", 1.0)
 
         def marginal(self) -> Marginal:
             """The prior on the coordinate."""
@@ -323,20 +324,20 @@ class OffsetPriorSpec(_SpreadSpec):
     high_mm: Annotated[float | None, _HIGH_MM] = None
 
 
-def _uncertain(what: str) -> object:
-    return Field(description=f"the prior of {what}: sd_percent, or low_factor and high_factor")
+def _uncertain(what: str, **default: Any) -> Any:  # noqa: ANN401
+    return Field(**default, description=f"the prior of {what}: sd_percent, or low_factor and high_factor")
 
 
 class BodyUncertainSpec(Spec):
     """Uncertain quantities of one body of a frame, or part of an imported model, beside those of the whole."""
 
-    youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus of the body")] = None
-    density: Annotated[FactorPriorSpec | None, _uncertain("the density of the body")] = None
-    length: Annotated[LengthPriorSpec | None, _uncertain("the length of a straight body")] = None
-    section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of its sections")] = None
-    shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficients of the body")] = None
-    thickness: Annotated[FactorPriorSpec | None, _uncertain("the thickness of a part of an imported model")] = None
-    axial_force: Annotated[FactorPriorSpec | None, _uncertain("the axial forces in the body")] = None
+    youngs_modulus: FactorPriorSpec | None = _uncertain("Young's modulus of the body", default=None)
+    density: FactorPriorSpec | None = _uncertain("the density of the body", default=None)
+    length: LengthPriorSpec | None = _uncertain("the length of a straight body", default=None)
+    section_size: FactorPriorSpec | None = _uncertain("one factor on all dimensions of its sections", default=None)
+    shear_coefficient: FactorPriorSpec | None = _uncertain("the shear coefficients of the body", default=None)
+    thickness: FactorPriorSpec | None = _uncertain("the thickness of a part of an imported model", default=None)
+    axial_force: FactorPriorSpec | None = _uncertain("the axial forces in the body", default=None)
 
 
 _BODIES = Field(description="a table for each body of a frame, as [uncertain.bodies.tool.density]", max_length=100)
@@ -355,13 +356,13 @@ _SPRING_ERROR = "the usual effect on the lowest frequency of springs to ground t
 class ModelErrorSpec(Spec):
     """Errors of the model in modes, shared by tests of one structure; those of frequencies and springs are unknown."""
 
-    frequency_error: Annotated[float, positive(f"the usual error of a frequency {_OF_EACH}", 0.003)] = 0.003
+    frequency_error: float = positive(f"the usual error of a frequency {_OF_EACH}", 0.003, 0.003)
     error_factor: Annotated[float, _ERROR_FACTOR] = 3.0
-    damping_error: Annotated[float, positive(f"the error of a damping ratio {_OF_EACH}", 0.3)] = 0.3
-    shape_error: Annotated[float, positive("the error of a component of a shape, 1 at its reference", 0.05)] = 0.05
-    constant_error: Annotated[float, positive(f"the error of a modal constant {_OF_EACH}", 0.1)] = 0.1
-    edge_error: Annotated[float, not_negative(_EDGE_ERROR, 0.01)] = 0.01
-    spring_error: Annotated[float, not_negative(_SPRING_ERROR, 0.003)] = 0.003
+    damping_error: float = positive(f"the error of a damping ratio {_OF_EACH}", 0.3, 0.3)
+    shape_error: float = positive("the error of a component of a shape, 1 at its reference", 0.05, 0.05)
+    constant_error: float = positive(f"the error of a modal constant {_OF_EACH}", 0.1, 0.1)
+    edge_error: float = not_negative(_EDGE_ERROR, 0.01, 0.01)
+    spring_error: float = not_negative(_SPRING_ERROR, 0.003, 0.003)
     spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
     own: Annotated[bool, OWN] = False
 
@@ -381,20 +382,20 @@ _MODEL_ERROR = Field(
 class UncertainSpec(Spec):
     """What is uncertain besides the joint, each quantity with its prior, and the model itself; and what is exact."""
 
-    youngs_modulus: Annotated[FactorPriorSpec | None, _uncertain("Young's modulus")] = None
-    density: Annotated[FactorPriorSpec | None, _uncertain("the density")] = None
-    length: Annotated[LengthPriorSpec | None, _uncertain("the length of the beam")] = None
-    length_offset: Annotated[
-        OffsetPriorSpec | None,
-        Field(description="the prior of what is added to the length where a joint acts: sd_mm, or low_mm and high_mm"),
-    ] = None
-    section_size: Annotated[FactorPriorSpec | None, _uncertain("one factor on all dimensions of the section")] = None
-    shear_coefficient: Annotated[FactorPriorSpec | None, _uncertain("the shear coefficient")] = None
-    axial_force: Annotated[FactorPriorSpec | None, _uncertain("the axial force")] = None
-    damping_ratio: Annotated[FactorPriorSpec | None, _uncertain("each damping ratio")] = None
-    loss_factor: Annotated[FactorPriorSpec | None, _uncertain("the loss factor")] = None
-    accelerometer_mass: Annotated[FactorPriorSpec | None, _uncertain("the mass of the accelerometers")] = None
-    gain: Annotated[FactorPriorSpec | None, _uncertain("the gain of the measurement, 1 by itself")] = None
+    youngs_modulus: FactorPriorSpec | None = _uncertain("Young's modulus", default=None)
+    density: FactorPriorSpec | None = _uncertain("the density", default=None)
+    length: LengthPriorSpec | None = _uncertain("the length of the beam", default=None)
+    length_offset: OffsetPriorSpec | None = table_field(
+        "the prior of what is added to the length where a joint acts: sd_mm, or low_mm and high_mm",
+        None,
+    )
+    section_size: FactorPriorSpec | None = _uncertain("one factor on all dimensions of the section", default=None)
+    shear_coefficient: FactorPriorSpec | None = _uncertain("the shear coefficient", default=None)
+    axial_force: FactorPriorSpec | None = _uncertain("the axial force", default=None)
+    damping_ratio: FactorPriorSpec | None = _uncertain("each damping ratio", default=None)
+    loss_factor: FactorPriorSpec | None = _uncertain("the loss factor", default=None)
+    accelerometer_mass: FactorPriorSpec | None = _uncertain("the mass of the accelerometers", default=None)
+    gain: FactorPriorSpec | None = _uncertain("the gain of the measurement, 1 by itself", default=None)
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
     model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
     exact: Annotated[ListOf[_Usual], _EXACT] = ()
@@ -430,15 +431,7 @@ _DOFS = key_field("the translation and then the rotation, two DOF labels", ["1:y
 _AGAINST = key_field("no DOF (joint to ground) or as many as dofs, those of the other side", ["9:y", "9:rz"])
 _LOG, *_ = COORDINATES
 _COUPLED, *_ = KINDS
-_KIND = key_field("the kind of joint, " + either(f'"{kind}"' for kind in KINDS), _COUPLED)
-_OWN_AXES = key_field(
-    "the joint's own x, y and z, three lists of three numbers", [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0, 0, 1]]
-)
 _OFFSET = key_field("the way from the DOFs' point to the joint's in mm, three numbers x, y, z", [25.0, 0.0, 0.0])
-_OFFSET_AGAINST = key_field(
-    "the way from the other side's point to the joint's in mm, three numbers", [-25.0, 0.0, 0.0]
-)
-_SHARED = key_field("the name of the joint whose quantities are those of this one", "left")
 _PARAMETRISATION = key_field(
     either(
         f'"{key}" ({", ".join(f"ln {axis.name}" if axis.logarithmic else axis.name for axis in axes)})'
@@ -454,8 +447,6 @@ else:
     KindName = Literal[KINDS]
 
 _Names = ListOf[str]
-_VISCOUS = key_field("a list of springs of the joint that have a dashpot beside them", ["k11", "k22"])
-_LOSS = key_field('a list of springs of the joint that have a loss factor, or ["all"]', ["all"])
 _Share = Annotated[float, Field(ge=-1, le=1)]
 _Unit = Annotated[tuple[_Share, _Share, _Share], Strict(False)]
 
@@ -477,16 +468,20 @@ def prior_table(name: str) -> tuple[str, ...]:
 class JointSpec(Spec):
     """A joint: where it acts, of which kind it is, how it is parametrised, and the first guess of the iteration."""
 
-    kind: Annotated[KindName, _KIND] = _COUPLED
+    kind: KindName = key_field("the kind of joint, " + either(f'"{kind}"' for kind in KINDS), _COUPLED, _COUPLED)
     dofs: Annotated[Labels, Field(min_length=1, max_length=len(DIRECTIONS)), _DOFS]
     against: Annotated[Labels, _AGAINST] = ()
-    axes: Annotated[Annotated[tuple[_Unit, _Unit, _Unit], Strict(False)] | None, _OWN_AXES] = None
+    axes: Annotated[tuple[_Unit, _Unit, _Unit], Strict(False)] | None = key_field(
+        "the joint's own x, y and z, three lists of three numbers", [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0, 0, 1]], None
+    )
     offset_mm: Annotated[Vector | None, _OFFSET] = None
-    offset_against_mm: Annotated[Vector | None, _OFFSET_AGAINST] = None
+    offset_against_mm: Vector | None = key_field(
+        "the way from the other side's point to the joint's in mm, three numbers", [-25.0, 0.0, 0.0], None
+    )
     parametrisation: Annotated[ParametrisationName, _PARAMETRISATION] = _LOG
-    viscous: Annotated[_Names, _VISCOUS] = ()
-    loss_factors: Annotated[_Names, _LOSS] = ()
-    initial: Annotated[StiffnessSpec | None, Field(description="the first guess: k11, k12, k22")] = None
+    viscous: _Names = key_field("a list of springs of the joint that have a dashpot beside them", ["k11", "k22"], ())
+    loss_factors: _Names = key_field('a list of springs of the joint that have a loss factor, or ["all"]', ["all"], ())
+    initial: StiffnessSpec | None = table_field("the first guess: k11, k12, k22", None)
     own: Annotated[bool, OWN] = False
 
     @property
@@ -555,7 +550,5 @@ class JointSpec(Spec):
 class NamedJointSpec(JointSpec):
     """One of several joints: as `[joint]`, with its own priors, or the quantities of another one."""
 
-    prior: Annotated[
-        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [joints.left.prior.k11]")
-    ] = None
-    shared: Annotated[str | None, _SHARED] = None
+    prior: PriorsSpec | None = table_field("a table for the prior of each parameter, as [joints.left.prior.k11]", None)
+    shared: str | None = key_field("the name of the joint whose quantities are those of this one", "left", None)

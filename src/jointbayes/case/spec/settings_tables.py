@@ -34,6 +34,7 @@ from jointbayes.case.spec.fields import (
     not_negative,
     positive,
     raise_findings,
+    table_field,
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
 from jointbayes.joint import HYPOTHESES, USUAL_HYPOTHESES
@@ -42,9 +43,9 @@ from jointbayes.verdict_rule import RULE
 _LINE = r"^[^\r\n]*$"
 
 
-def _what(of: str, example: str) -> object:
+def _what(of: str, example: str, **default: Any) -> Any:  # noqa: ANN401
     text = f"{of}: a text of one line, at most 200 characters"
-    return Field(max_length=200, pattern=_LINE, description=text, examples=[example])
+    return Field(**default, max_length=200, pattern=_LINE, description=text, examples=[example])
 
 
 def _day(value: object) -> object:
@@ -62,42 +63,38 @@ def _day(value: object) -> object:
 class AboutSpec(Spec):
     """What was tested, when, by whom and with what, as a report has it: no number depends on it."""
 
-    specimen: Annotated[str, _what("what was tested", "Clamp 12, serial number 0471")] = ""
-    date: Annotated[str, BeforeValidator(_day), key_field("the day of the test, as 2026-11-25", "2026-11-25")] = ""
-    operator: Annotated[str, _what("who made the test", "A. Miller")] = ""
-    instruments: Annotated[str, _what("what it was measured with", "hammer PCB 086C03, accelerometer 352C33")] = ""
-    computed: Annotated[str, _what("what the data were computed from, if nothing was measured", "a model of mine")] = ""
+    specimen: str = _what("what was tested", "Clamp 12, serial number 0471", default="")
+    date: Annotated[str, BeforeValidator(_day)] = key_field("the day of the test, as 2026-11-25", "2026-11-25", "")
+    operator: str = _what("who made the test", "A. Miller", default="")
+    instruments: str = _what("what it was measured with", "hammer PCB 086C03, accelerometer 352C33", default="")
+    computed: str = _what("what the data were computed from, if nothing was measured", "a model of mine", default="")
 
 
 class IdentificationSpec(Spec):
     """The paper's iteration; ``threshold`` is relative to the norm of the measured FRF."""
 
-    sensitivity: Annotated[Literal["measured", "analytical"], key_field('"measured" or "analytical"', "measured")] = (
-        "measured"
-    )
-    max_steps: Annotated[int, count_field("the largest number of steps", 30, 1, 10000)] = 30
-    threshold: Annotated[float, positive("the residual to stop at, relative to the measured FRF", 1e-8)] = 1e-8
-    line_weight: Annotated[
-        float, not_negative("the exponent p of the weights |H|^-p of the lines, 0 as in the paper", 0.5)
-    ] = 0.0
+    sensitivity: Literal["measured", "analytical"] = key_field('"measured" or "analytical"', "measured", "measured")
+    max_steps: int = count_field("the largest number of steps", 30, 1, 10000, default=30)
+    threshold: float = positive("the residual to stop at, relative to the measured FRF", 1e-8, 1e-8)
+    line_weight: float = not_negative("the exponent p of the weights |H|^-p of the lines, 0 as in the paper", 0.5, 0.0)
 
 
 class SamplingSpec(Spec):
     """The sampler: independent ensembles of walkers, and the most steps of each."""
 
-    seed: Annotated[int, count_field("the seed", 1, 0)] = 1
-    ensembles: Annotated[int, count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES)] = 4
-    walkers: Annotated[int, count_field("the number of walkers", 48, 8, MOST_WALKERS, 2)] = 48
-    max_steps: Annotated[int, count_field("the largest number of steps", 20000, 200, MOST_STEPS)] = 20000
-    max_evaluations: Annotated[
-        int | None, count_field("the most evaluations of search and of sampling, each", 4_000_000, 1, 10**12)
-    ] = None
+    seed: int = count_field("the seed", 1, 0, default=1)
+    ensembles: int = count_field("the number of ensembles", 4, 4, MOST_ENSEMBLES, default=4)
+    walkers: int = count_field("the number of walkers", 48, 8, MOST_WALKERS, 2, default=48)
+    max_steps: int = count_field("the largest number of steps", 20000, 200, MOST_STEPS, default=20000)
+    max_evaluations: int | None = count_field(
+        "the most evaluations of search and of sampling, each", 4_000_000, 1, 10**12, default=None
+    )
 
 
 class ReferenceSpec(NamedStiffnessSpec):
     """Published values to compare with."""
 
-    source: Annotated[str, Field(min_length=1), key_field("a text: where the values are published", "Table 3")]
+    source: Annotated[str, Field(min_length=1)] = key_field("a text: where the values are published", "Table 3")
     natural_frequencies_hz: Annotated[Frequencies, FREQUENCIES] = ()
 
 
@@ -119,9 +116,9 @@ class CompareSpec(Spec):
     hypotheses: Annotated[_Hypotheses, _HYPOTHESES] = USUAL_HYPOTHESES
 
 
-def _ratio(of: str, example: float) -> object:
+def _ratio(of: str, example: float, **default: Any) -> Any:  # noqa: ANN401
     what = f"the largest upper over lower end of the 95 % interval of {of} stiffness, a number greater than 1"
-    return Field(gt=1, description=what, examples=[example])
+    return Field(**default, gt=1, description=what, examples=[example])
 
 
 _CONTRACTION = Field(
@@ -135,13 +132,13 @@ _CONTRACTION = Field(
 class VerdictSpec(Spec):
     """Thresholds of the verdict on one stiffness."""
 
-    identified: Annotated[float, _ratio("an identified", 1.02)] = RULE.identified
-    weakly_identified: Annotated[float, _ratio("a weakly identified", 2.0)] = RULE.weakly_identified
+    identified: float = _ratio("an identified", 1.02, default=RULE.identified)
+    weakly_identified: float = _ratio("a weakly identified", 2.0, default=RULE.weakly_identified)
     contraction: Annotated[float, _CONTRACTION] = RULE.contraction
 
 
-def _changes(of: str) -> object:
-    return Field(description=f"what is different in {of}, a table")
+def _changes(of: str, **default: Any) -> Any:  # noqa: ANN401
+    return Field(**default, description=f"what is different in {of}, a table")
 
 
 _Table = dict[str, Any] | None
@@ -151,28 +148,26 @@ class TestSpec(Spec):
     """One test of several: what is different from the rest of the file, whose tables these are."""
 
     joined: Annotated[bool, JOINED] = True
-    structure: Annotated[_Table, _changes("the structure")] = None
-    joint: Annotated[_Table, _changes("the joint")] = None
-    joints: Annotated[_Table, _changes("the joints")] = None
-    uncertain: Annotated[_Table, _changes("what else is uncertain")] = None
-    data: Annotated[_Table, _changes("the data")] = None
-    bodies: Annotated[_Table, _changes("the measured bodies")] = None
-    prior: Annotated[_Table, _changes("the priors of a joint of its own")] = None
-    noise: Annotated[_Table, _changes("how residuals are judged")] = None
+    structure: _Table = _changes("the structure", default=None)
+    joint: _Table = _changes("the joint", default=None)
+    joints: _Table = _changes("the joints", default=None)
+    uncertain: _Table = _changes("what else is uncertain", default=None)
+    data: _Table = _changes("the data", default=None)
+    bodies: _Table = _changes("the measured bodies", default=None)
+    prior: _Table = _changes("the priors of a joint of its own", default=None)
+    noise: _Table = _changes("how residuals are judged", default=None)
 
 
 _LEFT_MODES = Field(description="a list of the numbers of modes that are left out and predicted", examples=[[3, 4]])
 _LEFT_BANDS = key_field("a list of bands [lowest, highest] in Hz whose lines are left out and predicted", [[300, 400]])
-_LEFT_TESTS = key_field("a list of the names of tests that are left out and predicted", ["long"])
-_Band = Annotated[tuple[float, Positive], Strict(False)]
 
 
 class LeftOutSpec(Spec):
     """What of the data does not enter the estimate and is predicted by it."""
 
     modes: Annotated[ListOf[Annotated[int, Field(ge=1, le=1000)]], max_length(1000), _LEFT_MODES] = ()
-    bands_hz: Annotated[ListOf[_Band], max_length(1000), _LEFT_BANDS] = ()
-    tests: Annotated[ListOf[Name], _LEFT_TESTS] = ()
+    bands_hz: Annotated[ListOf[Annotated[tuple[float, Positive], Strict(False)]], max_length(1000), _LEFT_BANDS] = ()
+    tests: ListOf[Name] = key_field("a list of the names of tests that are left out and predicted", ["long"], ())
 
 
 _MOST_LINES = 100_000  # of a prediction
@@ -181,17 +176,17 @@ _MOST_LINES = 100_000  # of a prediction
 class LobesSpec(Spec):
     """A milling cut whose stability lobes are wanted: tool, material and spindle speeds."""
 
-    x: Annotated[str, key_field("the DOF of the tool's tip along the feed", "tip:y")]
-    y: Annotated[str, key_field("the DOF of the tool's tip across the feed", "tip:z")]
-    teeth: Annotated[int, count_field("the number of teeth", 4, 1, 1000)]
-    kt_mpa: Annotated[float, positive("the tangential cutting coefficient in MPa", 800.0)]
-    kr: Annotated[float, not_negative("the radial force over the tangential one", 0.3)]
-    immersion: Annotated[
-        float, key_field("the width of cut over the tool's diameter, a number above 0 and at most 1", 0.5, gt=0, le=1)
-    ]
-    milling: Annotated[Literal["up", "down"], key_field('"up" or "down"', "down")]
-    speed_min_rpm: Annotated[float, positive("the lowest spindle speed in rev/min", 6000.0)]
-    speed_max_rpm: Annotated[float, positive("the highest spindle speed in rev/min", 20000.0)]
+    x: str = key_field("the DOF of the tool's tip along the feed", "tip:y")
+    y: str = key_field("the DOF of the tool's tip across the feed", "tip:z")
+    teeth: int = count_field("the number of teeth", 4, 1, 1000)
+    kt_mpa: float = positive("the tangential cutting coefficient in MPa", 800.0)
+    kr: float = not_negative("the radial force over the tangential one", 0.3)
+    immersion: float = key_field(
+        "the width of cut over the tool's diameter, a number above 0 and at most 1", 0.5, gt=0, le=1
+    )
+    milling: Literal["up", "down"] = key_field('"up" or "down"', "down")
+    speed_min_rpm: float = positive("the lowest spindle speed in rev/min", 6000.0)
+    speed_max_rpm: float = positive("the highest spindle speed in rev/min", 20000.0)
 
     def _findings(self) -> Iterator[Finding]:
         yield from not_above(self.speed_min_rpm, self.speed_max_rpm, "speed_min_rpm", "speed_max_rpm", "in rev/min")
@@ -200,16 +195,15 @@ class LobesSpec(Spec):
 class PredictSpec(Spec):
     """What `jointbayes predict` wants to know of this structure, held by a joint that was identified in another one."""
 
-    outputs: Annotated[Labels, Field(min_length=1), key_field("a list of DOFs whose motion is wanted", ["tip:y"])]
-    inputs: Annotated[Labels, Field(min_length=1), key_field("a list of DOFs at which a force acts", ["tip:y"])]
-    f_min_hz: Annotated[float, positive("the lowest frequency in Hz", 20.0)]
-    f_max_hz: Annotated[float, positive("the highest frequency in Hz", 2500.0)]
-    f_step_hz: Annotated[float, positive("the distance of the lines in Hz", 1.0)]
-    quantity: Annotated[
-        Literal["receptance", "mobility", "accelerance"],
-        key_field('what is predicted, "receptance", "mobility" or "accelerance"', "receptance"),
-    ] = "receptance"
-    lobes: Annotated[LobesSpec | None, Field(description="a milling cut whose stability lobes are wanted")] = None
+    outputs: Annotated[Labels, Field(min_length=1)] = key_field("a list of DOFs whose motion is wanted", ["tip:y"])
+    inputs: Annotated[Labels, Field(min_length=1)] = key_field("a list of DOFs at which a force acts", ["tip:y"])
+    f_min_hz: float = positive("the lowest frequency in Hz", 20.0)
+    f_max_hz: float = positive("the highest frequency in Hz", 2500.0)
+    f_step_hz: float = positive("the distance of the lines in Hz", 1.0)
+    quantity: Literal["receptance", "mobility", "accelerance"] = key_field(
+        'what is predicted, "receptance", "mobility" or "accelerance"', "receptance", "receptance"
+    )
+    lobes: LobesSpec | None = table_field("a milling cut whose stability lobes are wanted", None)
 
     def lines_hz(self) -> tuple[float, ...]:
         """The lines, Hz; the last one is at ``f_max_hz`` or less than a step below."""
@@ -224,9 +218,7 @@ class PredictSpec(Spec):
 #: Each is a module of `jointbayes.inference.noise`.
 Distribution = Literal["gaussian", "student_t", "proportional"]
 _NAMES = " or ".join(f'"{name}"' for name in get_args(Distribution))
-_DISTRIBUTION = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian")
 _SCALE = key_field('the factor on the stated noise, "known" (1), "sampled" or "integrated"', "known")
-_DOF = Field(gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0])
 _SCALE_LOW = key_field("the smallest factor on the noise, a number above 0 and at most 1", 0.1, gt=0, le=1)
 _SCALE_HIGH = Field(ge=1, description="the largest factor on the noise, a number of at least 1", examples=[10.0])
 
@@ -240,13 +232,15 @@ class NoiseModelSpec(Spec):
         **dict.fromkeys(("scale_dof", "scale_guess"), ("scale", "integrated")),
     }
 
-    distribution: Annotated[Distribution, _DISTRIBUTION] = "gaussian"
-    dof: Annotated[float, _DOF] = 4.0
+    distribution: Distribution = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian", "gaussian")
+    dof: float = Field(
+        default=4.0, gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0]
+    )
     scale: Annotated[Literal["known", "sampled", "integrated"], _SCALE] = "known"
     scale_low_factor: Annotated[float, _SCALE_LOW] = 0.1
     scale_high_factor: Annotated[float, _SCALE_HIGH] = 10.0
-    scale_dof: Annotated[Positive, positive("the degrees of freedom of the prior of the squared factor", 4.0)] = 4.0
-    scale_guess: Annotated[Positive, positive("the guess of the factor on the noise", 1.0)] = 1.0
+    scale_dof: Positive = positive("the degrees of freedom of the prior of the squared factor", 4.0, 4.0)
+    scale_guess: Positive = positive("the guess of the factor on the noise", 1.0, 1.0)
     own: Annotated[bool, OWN] = False
 
     @property

@@ -42,6 +42,7 @@ from jointbayes.case.spec.fields import (
     metres,
     not_negative,
     positive,
+    table_field,
 )
 from jointbayes.errors import ModelError
 from jointbayes.joint import DIRECTIONS
@@ -115,7 +116,7 @@ class LossFactorDampingSpec(DampingSpec):
     """Structural (hysteretic) damping, K(1 + jη)."""
 
     law: Annotated[Literal["loss_factor"], LAW]
-    loss_factor: Annotated[float, not_negative("the structural loss factor", 0.01)]
+    loss_factor: float = not_negative("the structural loss factor", 0.01)
 
     @property
     def values(self) -> dict[str, tuple[float, ...]]:
@@ -133,8 +134,8 @@ class RayleighDampingSpec(DampingSpec):
     """Viscous damping, C = alpha M + beta K."""
 
     law: Annotated[Literal["rayleigh"], LAW]
-    alpha_per_s: Annotated[float, not_negative("the factor of the mass matrix in 1/s", 1.0)]
-    beta_s: Annotated[float, not_negative("the factor of the stiffness matrix in s", 1e-6)]
+    alpha_per_s: float = not_negative("the factor of the mass matrix in 1/s", 1.0)
+    beta_s: float = not_negative("the factor of the stiffness matrix in s", 1e-6)
 
     def built(self) -> DampingLaw:
         """Rayleigh damping."""
@@ -175,32 +176,32 @@ class CircleSpec(_ShapeSpec):
     """Solid circular cross-section."""
 
     shape: Annotated[Literal["circle"], _SHAPE]
-    diameter_mm: Annotated[float, positive("the diameter in mm", 25.0)]
+    diameter_mm: float = positive("the diameter in mm", 25.0)
 
 
 class TubeSpec(_ShapeSpec):
     """Circular tube."""
 
     shape: Annotated[Literal["tube"], _SHAPE]
-    outer_diameter_mm: Annotated[float, positive("the outer diameter in mm", 40.0)]
-    inner_diameter_mm: Annotated[float, positive("the inner diameter in mm", 30.0)]
+    outer_diameter_mm: float = positive("the outer diameter in mm", 40.0)
+    inner_diameter_mm: float = positive("the inner diameter in mm", 30.0)
 
 
 class RectangleSpec(_ShapeSpec):
     """Solid rectangle; the height lies along y, the width along z."""
 
     shape: Annotated[Literal["rectangle"], _SHAPE]
-    width_mm: Annotated[float, positive("the width (along z) in mm", 40.0)]
-    height_mm: Annotated[float, positive("the height (along y) in mm", 20.0)]
+    width_mm: float = positive("the width (along z) in mm", 40.0)
+    height_mm: float = positive("the height (along y) in mm", 20.0)
 
 
 class BoxSpec(_ShapeSpec):
     """Rectangular tube of constant wall."""
 
     shape: Annotated[Literal["box"], _SHAPE]
-    width_mm: Annotated[float, positive("the outer width (along z) in mm", 40.0)]
-    height_mm: Annotated[float, positive("the outer height (along y) in mm", 20.0)]
-    wall_mm: Annotated[float, positive("the thickness of the wall in mm", 2.0)]
+    width_mm: float = positive("the outer width (along z) in mm", 40.0)
+    height_mm: float = positive("the outer height (along y) in mm", 20.0)
+    wall_mm: float = positive("the thickness of the wall in mm", 2.0)
 
 
 SectionSpec = Annotated[
@@ -212,8 +213,6 @@ KIND = key_field('the kind of structure, "beam", "frame", "chain", "matrices" or
 MODULUS, DENSITY = positive("Young's modulus in GPa", 210.0), positive("the density in kg/m³", 7800.0)
 POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 FORCE = key_field("the axial force at rest in N, tension positive, compression negative", 2000.0)
-_SUPPORTS = key_field("a list of the DOFs held fixed", ["1:y"])
-_MASS = not_negative("the mass in g added at each measured translation", 2.0)
 if TYPE_CHECKING:
     Direction = str
 else:
@@ -247,9 +246,9 @@ class StructureBase(Spec):
     """What is asked of a structure's table, whatever its kind."""
 
     kind: Annotated[str, KIND]
-    supports: Annotated[Labels, _SUPPORTS] = ()
-    accelerometer_mass_g: Annotated[float, _MASS] = 0.0
-    damping: Annotated[DampingSpec, Field(description="the damping")]
+    supports: Labels = key_field("a list of the DOFs held fixed", ["1:y"], ())
+    accelerometer_mass_g: float = not_negative("the mass in g added at each measured translation", 2.0, 0.0)
+    damping: DampingSpec = Field(description="the damping")
 
     if TYPE_CHECKING:  # a key of a frame, and of no other kind
 
@@ -338,10 +337,10 @@ class BeamSpec(BeamsSpec, StructureBase):
     field_keys = {"points": "at_mm"}  # noqa: RUF012 (no field)
 
     kind: Annotated[Literal["beam"], KIND] = "beam"
-    length_mm: Annotated[float, positive("the length of the beam in mm", 383.0)]
-    elements: Annotated[int, count_field("the number of equal spans between numbered points", 10, 1, 500)] = 10
+    length_mm: float = positive("the length of the beam in mm", 383.0)
+    elements: int = count_field("the number of equal spans between numbered points", 10, 1, 500, default=10)
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
-    dofs_per_node: Annotated[Literal[2, 5], key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2)] = 2
+    dofs_per_node: Literal[2, 5] = key_field("2 (y, rz) or 5 (x, y, z, ry, rz) DOFs per node", 2, 2)
     shear_coefficient: Annotated[Literal["cowper"] | Fraction, _SHEAR] = "cowper"
     at_mm: Annotated[dict[PointName, Positive], _BETWEEN_NODES] = {}  # noqa: RUF012 (pydantic copies it)
     section: SectionSpec
@@ -407,26 +406,25 @@ class SpringSpec(Spec):
     """A spring between two masses, or between one and the ground."""
 
     between: Annotated[tuple[PointName, PointName], Strict(False), _BETWEEN]
-    stiffness_n_per_m: Annotated[float, not_negative("the stiffness in N/m", 1e5)]
+    stiffness_n_per_m: float = not_negative("the stiffness in N/m", 1e5)
 
 
 class DamperSpec(Spec):
     """A viscous damper between two masses, or between one and the ground."""
 
     between: Annotated[tuple[PointName, PointName], Strict(False), _BETWEEN]
-    damping_n_s_per_m: Annotated[float, not_negative("the damping constant in N s/m", 10.0)]
+    damping_n_s_per_m: float = not_negative("the damping constant in N s/m", 10.0)
 
 
 class DampersSpec(DampingSpec):
     """Dampers between the masses of a chain."""
 
     law: Annotated[Literal["dampers"], LAW]
-    dampers: Annotated[ListOf[DamperSpec], max_length(_MOST), Field(min_length=1, description="a list of dampers")]
+    dampers: Annotated[ListOf[DamperSpec], max_length(_MOST)] = Field(min_length=1, description="a list of dampers")
 
 
-_Rows = Annotated[ListOf[ListOf[float]], max_length(_MOST)]
 _Diagonal = Annotated[ListOf[float], max_length(_MOST)]
-Matrix = Annotated[str | _Diagonal | _Rows, AfterValidator(even)]
+Matrix = Annotated[str | _Diagonal | Annotated[ListOf[ListOf[float]], max_length(_MOST)], AfterValidator(even)]
 _MATRIX_TEXT = "a list of rows, a list of the diagonal, or the name of a .npy or .csv file"
 
 
@@ -436,7 +434,7 @@ class MatrixDampingSpec(DampingSpec):
     field_keys = {"viscous_matrix": "damping_matrix"}  # noqa: RUF012 (no field)
 
     law: Annotated[Literal["matrix"], LAW]
-    damping_matrix: Annotated[Matrix, key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")]
+    damping_matrix: Matrix = key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")
 
     def built(self) -> ViscousMatrix:
         """The law of the matrix."""
@@ -480,13 +478,11 @@ class ChainSpec(_RowsSpec):
     """The structure without its joints: masses that move along one line, with springs between them."""
 
     kind: Annotated[Literal["chain"], KIND]
-    masses_kg: Annotated[
-        dict[str, Positive],
-        max_length(_MOST_MASSES),
-        Field(description="the masses in kg, each by its name or number", min_length=1),
-    ]
-    springs: Annotated[ListOf[SpringSpec], max_length(_MOST), Field(description="a list of springs")] = ()
-    direction: Annotated[Direction, key_field("the direction of the DOFs", "x")] = "x"
+    masses_kg: Annotated[dict[str, Positive], max_length(_MOST_MASSES)] = Field(
+        description="the masses in kg, each by its name or number", min_length=1
+    )
+    springs: Annotated[ListOf[SpringSpec], max_length(_MOST)] = table_field("a list of springs", ())
+    direction: Direction = key_field("the direction of the DOFs", "x", "x")
     damping: Annotated[LAWS | DampersSpec, DAMPING]
 
     field_keys = {"dampers": "damping.dampers"}  # noqa: RUF012 (no field)
@@ -534,12 +530,10 @@ class MatricesSpec(_RowsSpec):
     """The structure without its joints, given by its stiffness and mass matrices."""
 
     kind: Annotated[Literal["matrices"], KIND]
-    dofs: Annotated[Labels, Field(min_length=1), key_field("the DOF labels of the rows, in order", ["1:x", "2:x"])]
-    stiffness: Annotated[Matrix, key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")]
-    mass: Annotated[Matrix, key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")]
-    points: Annotated[
-        dict[str, Vector], Field(description="the places of points in mm by their names, where they are known")
-    ] = {}  # noqa: RUF012 (pydantic copies it)
+    dofs: Annotated[Labels, Field(min_length=1)] = key_field("the DOF labels of the rows, in order", ["1:x", "2:x"])
+    stiffness: Matrix = key_field(f"K in SI units (N/m): {_MATRIX_TEXT}", "K.npy")
+    mass: Matrix = key_field(f"M in SI units (kg): {_MATRIX_TEXT}", "M.npy")
+    points: dict[str, Vector] = table_field("the places of points in mm by their names, where they are known", {})
     damping: Annotated[LAWS | MatrixDampingSpec, DAMPING]
 
     field_keys = {"damping": "damping.damping_matrix"}  # noqa: RUF012 (no field)
@@ -593,7 +587,6 @@ _SHEARS = key_field(
 _Shears = Literal["cowper"] | Fraction | Annotated[tuple[Fraction, Fraction], Strict(False)]
 _SECTION = Field(description="the cross-section: its shape and dimensions")
 _END_SECTION = Field(description="the cross-section at the last point, of the same shape: dimensions change linearly")
-_UP = key_field(f"the direction in which the section's height lies, {_VECTOR}", [0.0, 1.0, 0.0])
 _OFFSETS = key_field(
     f"from the first and from the last point to the member's axis in mm, two times {_VECTOR}",
     [[0.0, 5.0, 0.0], [0.0, 5.0, 0.0]],
@@ -602,7 +595,6 @@ _OFFSET = key_field(f"from the point to the centre of the mass in mm, {_VECTOR}"
 _INERTIA = key_field(
     "the moments of inertia about x, y, z in kg m2, three numbers, or six with xy, yz, xz", [1e-4, 2e-4, 2e-4]
 )
-_WAYS = key_field("the directions in which points move, some of x, y, z, rx, ry, rz", ["x", "y", "rz"])
 
 
 class _Stuff(Spec):
@@ -621,7 +613,7 @@ class MemberSpec(_Stuff):
 
     points: Annotated[ListOf[PointName], Field(min_length=2), max_length(_MOST), _POINTS]
     end_section: Annotated[SectionSpec | None, _END_SECTION] = None
-    up: Annotated[Vector | None, _UP] = None
+    up: Vector | None = key_field(f"the direction in which the section's height lies, {_VECTOR}", [0.0, 1.0, 0.0], None)
     offsets_mm: Annotated[Annotated[tuple[Vector, Vector], Strict(False)] | None, _OFFSETS] = None
 
     def member(self, *around: _Stuff | FrameSpec) -> Member:
@@ -648,8 +640,8 @@ class MemberSpec(_Stuff):
 class PointMassSpec(Spec):
     """A rigid mass at a point."""
 
-    point: Annotated[PointName, key_field("the name of a point", "tip")]
-    mass_kg: Annotated[float, not_negative("the mass in kg", 0.5)]
+    point: PointName = key_field("the name of a point", "tip")
+    mass_kg: float = not_negative("the mass in kg", 0.5)
     inertia_kg_m2: Annotated[ListOf[float], max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
     offset_mm: Annotated[Vector, _OFFSET] = (0.0, 0.0, 0.0)
 
@@ -699,8 +691,8 @@ class FrameSpec(BeamsSpec, StructureBase):
     """The structure without its joints: Timoshenko beams in space, one body or several that joints alone connect."""
 
     kind: Annotated[Literal["frame"], KIND]
-    directions: Annotated[ListOf[Direction], Field(min_length=1), AfterValidator(distinct), max_length(6), _WAYS] = (
-        DIRECTIONS
+    directions: Annotated[ListOf[Direction], Field(min_length=1), AfterValidator(distinct), max_length(6)] = key_field(
+        "the directions in which points move, some of x, y, z, rx, ry, rz", ["x", "y", "rz"], DIRECTIONS
     )
     element: Annotated[Literal["converged", "paper"], _ELEMENT] = "converged"
     shear_coefficient: Annotated[_Shears, _SHEARS] = "cowper"
@@ -708,9 +700,7 @@ class FrameSpec(BeamsSpec, StructureBase):
     points: _Points = {}  # noqa: RUF012 (pydantic copies it)
     members: _Members = ()
     masses: _Masses = ()
-    bodies: Annotated[
-        dict[Word, BodySpec], Field(description="a table for each body, as [structure.bodies.tool]", max_length=100)
-    ] = {}  # noqa: RUF012
+    bodies: dict[Word, BodySpec] = table_field("a table for each body, as [structure.bodies.tool]", {}, max_length=100)
     damping: Annotated[LAWS, DAMPING]
 
     @property
@@ -785,31 +775,24 @@ class FrameSpec(BeamsSpec, StructureBase):
 
 
 _MOST_NODE = 1_000_000_000
-_Node = Annotated[int, Field(ge=1, le=_MOST_NODE)]
-_MIDDLE = key_field(
-    "the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0]
-)
 
 
 class PortSpec(Spec):
     """Where joints or sensors hold an imported model: a node, or a patch of nodes that moves as one."""
 
-    node: Annotated[int | None, count_field("the number of a node", 1021, 1, _MOST_NODE)] = None
-    nodes: Annotated[
-        ListOf[_Node],
-        max_length(100_000),
-        key_field(f"a list of node numbers from 1 to {_MOST_NODE}, a patch", [7, 8, 9]),
-    ] = ()
-    box_mm: Annotated[
-        tuple[Vector, Vector] | None,
-        Strict(False),
-        key_field("two opposite corners in mm of a box: all nodes in it", [[-0.1, 0, 0], [0.1, 30, 20]]),
-    ] = None
-    kind: Annotated[
-        Literal["averaged", "rigid"],
-        key_field('how a patch moves, "averaged" (RBE3, stiffens nothing) or "rigid" (RBE2)', "averaged"),
-    ] = "averaged"
-    at_mm: Annotated[Vector | None, Strict(False), _MIDDLE] = None
+    node: int | None = count_field("the number of a node", 1021, 1, _MOST_NODE, default=None)
+    nodes: Annotated[ListOf[Annotated[int, Field(ge=1, le=_MOST_NODE)]], max_length(100_000)] = key_field(
+        f"a list of node numbers from 1 to {_MOST_NODE}, a patch", [7, 8, 9], ()
+    )
+    box_mm: Annotated[tuple[Vector, Vector] | None, Strict(False)] = key_field(
+        "two opposite corners in mm of a box: all nodes in it", [[-0.1, 0, 0], [0.1, 30, 20]], None
+    )
+    kind: Literal["averaged", "rigid"] = key_field(
+        'how a patch moves, "averaged" (RBE3, stiffens nothing) or "rigid" (RBE2)', "averaged", "averaged"
+    )
+    at_mm: Annotated[Vector | None, Strict(False)] = key_field(
+        "the place of the point whose motion it is in mm, without it the mean place of its nodes", [0, 0, 0], None
+    )
 
     def _findings(self) -> Iterator[Finding]:
         given = [key for key in ("node", "nodes", "box_mm") if getattr(self, key) not in (None, ())]
@@ -821,51 +804,41 @@ class PortSpec(Spec):
 class PartSpec(Spec):
     """A part of an imported model whose modulus, density or thickness is uncertain: an export of that part alone."""
 
-    file: Annotated[str, key_field("the file of the part's own K and M, on DOFs of the whole model", "wall.npz")]
-    mass_file: Annotated[str | None, key_field("the file of its M, where that is another", "wall.mas")] = None
-    bending_file: Annotated[
-        str | None, key_field("the file of the share of its K that grows with thickness³", "wall_bending.npz")
-    ] = None
+    file: str = key_field("the file of the part's own K and M, on DOFs of the whole model", "wall.npz")
+    mass_file: str | None = key_field("the file of its M, where that is another", "wall.mas", None)
+    bending_file: str | None = key_field(
+        "the file of the share of its K that grows with thickness³", "wall_bending.npz", None
+    )
 
 
 class ModelDampingSpec(DampingSpec):
     """Viscous damping by the matrix C of the model's files."""
 
-    law: Annotated[Literal["model"], Field(description="the damping matrix of the model's files")]
+    law: Literal["model"] = Field(description="the damping matrix of the model's files")
 
 
 class ImportedSpec(StructureBase):
     """The structure without its joints, imported from a finite-element program."""
 
     kind: Annotated[Literal["imported"], KIND]
-    file: Annotated[str, key_field("the file of the model, or of its stiffness matrix", "bracket.npz")]
-    mass_file: Annotated[str | None, key_field("the file of the mass matrix, where it has its own", "bracket.mas")] = (
-        None
+    file: str = key_field("the file of the model, or of its stiffness matrix", "bracket.npz")
+    mass_file: str | None = key_field("the file of the mass matrix, where it has its own", "bracket.mas", None)
+    damping_file: str | None = key_field("the file of the damping matrix C, if any", "bracket.dmp", None)
+    dofs_file: str | None = key_field("the file that says which node and direction each row is", "bracket.dof", None)
+    nodes_file: str | None = key_field("the file with the places of the nodes", "bracket.inp", None)
+    length_unit: Literal["m", "mm", "in", "ft"] = key_field(
+        'the units of its files, by the length: "m" (N, kg), "mm" (N, t), "in" (lbf) or "ft" (lbf)', "mm"
     )
-    damping_file: Annotated[str | None, key_field("the file of the damping matrix C, if any", "bracket.dmp")] = None
-    dofs_file: Annotated[
-        str | None, key_field("the file that says which node and direction each row is", "bracket.dof")
-    ] = None
-    nodes_file: Annotated[str | None, key_field("the file with the places of the nodes", "bracket.inp")] = None
-    length_unit: Annotated[
-        Literal["m", "mm", "in", "ft"],
-        key_field('the units of its files, by the length: "m" (N, kg), "mm" (N, t), "in" (lbf) or "ft" (lbf)', "mm"),
-    ]
-    top_hz: Annotated[
-        float | None, positive("the frequency in Hz up to which it is reduced, by itself that of the data", 3000.0)
-    ] = None
-    ports: Annotated[
-        dict[Word, PortSpec], Field(description="a table for each port, as [structure.ports.tip]", max_length=1000)
-    ] = {}  # noqa: RUF012 (pydantic copies it)
-    parts: Annotated[
-        dict[Word, PartSpec], Field(description="a table for each part that may be uncertain", max_length=100)
-    ] = {}  # noqa: RUF012
-    bodies: Annotated[
-        dict[Word, BesideSpec],
-        Field(
-            description="a table for each body of beams beside the model, as [structure.bodies.tool]", max_length=100
-        ),
-    ] = {}  # noqa: RUF012
+    top_hz: float | None = positive(
+        "the frequency in Hz up to which it is reduced, by itself that of the data", 3000.0, None
+    )
+    ports: dict[Word, PortSpec] = table_field("a table for each port, as [structure.ports.tip]", {}, max_length=1000)
+    parts: dict[Word, PartSpec] = table_field("a table for each part that may be uncertain", {}, max_length=100)
+    bodies: dict[Word, BesideSpec] = table_field(
+        "a table for each body of beams beside the model, as [structure.bodies.tool]",
+        {},
+        max_length=100,
+    )
     damping: Annotated[LAWS | ModelDampingSpec, DAMPING]
 
     _reduced: ImportedRecipe | None = PrivateAttr(default=None)

@@ -26,7 +26,18 @@ from jointbayes.case.spec.data_table import (
     files_table,
     synthetic_table,
 )
-from jointbayes.case.spec.fields import JOINED, Finding, KeyPath, Name, Spec, Word, key_field, listed, show_key
+from jointbayes.case.spec.fields import (
+    JOINED,
+    Finding,
+    KeyPath,
+    Name,
+    Spec,
+    Word,
+    key_field,
+    listed,
+    show_key,
+    table_field,
+)
 from jointbayes.case.spec.prior_tables import (
     JointSpec,
     NamedJointSpec,
@@ -94,43 +105,32 @@ class CaseSpec(Spec):
 
     extends: Annotated[str, _EXTENDS] = ""
     title: Annotated[str, _TITLE] = ""
-    about: Annotated[AboutSpec, Field(description="what was tested: specimen, date, operator, instruments")] = (
-        AboutSpec()
-    )
-    tests: Annotated[
-        dict[Name, TestSpec], Field(description="several tests of the same joints, a table for each, as [tests.long]")
-    ] = {}  # noqa: RUF012 (pydantic copies it)
+    about: AboutSpec = table_field("what was tested: specimen, date, operator, instruments", AboutSpec())
+    tests: dict[Name, TestSpec] = table_field("several tests of the same joints, a table for each, as [tests.long]", {})
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
-    joint: Annotated[JointSpec | None, Field(description="the joint: dofs, initial")] = None
-    joints: Annotated[
-        dict[Name, NamedJointSpec], Field(description="several joints, a table for each by its name, as [joints.left]")
-    ] = {}  # noqa: RUF012 (pydantic copies it)
-    bodies: Annotated[
-        dict[Word, MeasuredBodySpec],
-        Field(description="bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]"),
-    ] = {}  # noqa: RUF012 (pydantic copies it)
-    prior: Annotated[
-        PriorsSpec | None, Field(description="a table for the prior of each parameter, as [prior.k11]")
-    ] = None
-    uncertain: Annotated[
-        UncertainSpec, Field(description="a table for each uncertain quantity, as [uncertain.length]")
-    ] = UncertainSpec()
-    data: DataSpec
-    noise: Annotated[NoiseModelSpec, Field(description="how residuals are judged")] = NoiseModelSpec()
-    left_out: Annotated[LeftOutSpec, Field(description="data that are left out: modes, bands_hz, tests")] = (
-        LeftOutSpec()
+    joint: JointSpec | None = table_field("the joint: dofs, initial", None)
+    joints: dict[Name, NamedJointSpec] = table_field(
+        "several joints, a table for each by its name, as [joints.left]", {}
     )
-    identification: Annotated[IdentificationSpec, Field(description="settings of the iteration")] = IdentificationSpec()
-    sampling: Annotated[SamplingSpec, Field(description="settings of the sampler")] = SamplingSpec()
-    compare: Annotated[CompareSpec, Field(description="the hypotheses to compare")] = CompareSpec()
-    predict: Annotated[
-        PredictSpec | None, Field(description="what `predict` is to compute of this structure: DOFs and lines")
-    ] = None
-    reference: Annotated[ReferenceSpec | None, Field(description="published values to compare with")] = None
-    verdict: Annotated[
-        dict[str, VerdictSpec], Field(description="thresholds of verdicts, a table for a stiffness, as [verdict.k22]")
-    ] = {}  # noqa: RUF012 (pydantic copies it)
+    bodies: dict[Word, MeasuredBodySpec] = table_field(
+        "bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]", {}
+    )
+    prior: PriorsSpec | None = table_field("a table for the prior of each parameter, as [prior.k11]", None)
+    uncertain: UncertainSpec = table_field(
+        "a table for each uncertain quantity, as [uncertain.length]", UncertainSpec()
+    )
+    data: DataSpec
+    noise: NoiseModelSpec = table_field("how residuals are judged", NoiseModelSpec())
+    left_out: LeftOutSpec = table_field("data that are left out: modes, bands_hz, tests", LeftOutSpec())
+    identification: IdentificationSpec = table_field("settings of the iteration", IdentificationSpec())
+    sampling: SamplingSpec = table_field("settings of the sampler", SamplingSpec())
+    compare: CompareSpec = table_field("the hypotheses to compare", CompareSpec())
+    predict: PredictSpec | None = table_field("what `predict` is to compute of this structure: DOFs and lines", None)
+    reference: ReferenceSpec | None = table_field("published values to compare with", None)
+    verdict: dict[str, VerdictSpec] = table_field(
+        "thresholds of verdicts, a table for a stiffness, as [verdict.k22]", {}
+    )
 
     @property
     def all_joints(self) -> dict[str, JointSpec]:
