@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
+import vibrecords
 from jointbayes.case.spec.fields import (
     DATA_KIND,
     ESTIMATOR,
@@ -57,7 +58,6 @@ from jointbayes.errors import MeasurementError
 
 if TYPE_CHECKING:
     from jointbayes.case.spec.structure_tables import StructureBase
-    from vibrecords import Antiresonances, FrequencyData, ModalConstants, ModeData, NoiseLaw, Observed
     from vibrecords.measurement_plan import Channel, VarianceSource
     from vibrecords.rotations import Rotation
     from vibrecords.virtual_points import VirtualPoint
@@ -187,11 +187,10 @@ class VarianceSpec(Spec):
 
     def built(self) -> VarianceSource:
         """The variance; without a law where nothing is the least that is believed."""
-        from vibrecords import RelativeNoise
         from vibrecords.measurement_plan import VarianceSource
 
         stated = self.source == "relative" or self.relative + self.floor > 0
-        law = RelativeNoise(self.relative, self.floor) if stated else None
+        law = vibrecords.RelativeNoise(self.relative, self.floor) if stated else None
         return VarianceSource(self.source, law, self.averages, "relative" in self.model_fields_set)
 
     def _findings(self) -> Iterator[Finding]:
@@ -526,12 +525,12 @@ class AntiresonancesSpec(Spec):
         """Highest number of any DOF."""
         return max(self.numbers or Counter(self.dof * (len(self.frequencies_hz[0]) // len(self.dof))).values())
 
-    def built(self) -> Antiresonances:
+    def built(self) -> vibrecords.Antiresonances:
         """The antiresonances."""
-        from vibrecords import Antiresonances
-
         dofs = self.dof[0] if len(self.dof) == 1 else self.dof
-        return Antiresonances(dofs, _observed(self, self.frequencies_hz, "sd_relative", "sd_hz"), self.numbers or ())
+        return vibrecords.Antiresonances(
+            dofs, _observed(self, self.frequencies_hz, "sd_relative", "sd_hz"), self.numbers or ()
+        )
 
 
 class ConstantsSpec(Spec):
@@ -545,12 +544,12 @@ class ConstantsSpec(Spec):
     sd_relative: _EachMode = key_field(f"the standard deviation as a fraction, {_EACH}", 0.05, (0.0,))
     sd_per_kg: _EachMode = key_field(f"the standard deviation in 1/kg, {_EACH}", 0.02, (0.0,))
 
-    def built(self) -> ModalConstants:
+    def built(self) -> vibrecords.ModalConstants:
         """The modal constants."""
-        from vibrecords import ModalConstants
-
         inputs = self.inputs * len(self.outputs) if len(self.inputs) == 1 else self.inputs
-        return ModalConstants(self.outputs, inputs, _observed(self, self.values_per_kg, "sd_relative", "sd_per_kg"))
+        return vibrecords.ModalConstants(
+            self.outputs, inputs, _observed(self, self.values_per_kg, "sd_relative", "sd_per_kg")
+        )
 
 
 _SHAPES_TABLE = "the mode shapes: dofs, reference, components, sd"
@@ -623,24 +622,22 @@ class ModesSpec(DataTable):
                 labelled |= {("data", table, key): getattr(given, key) for key in keys}
         return labelled
 
-    def built(self) -> ModeData:
+    def built(self) -> vibrecords.ModeData:
         """The modes."""
         import numpy as np
-
-        from vibrecords import ModeData, ModeShapes, Observed
 
         damping = shapes = None
         if self.damping_ratios is not None:
             damping = _observed(self, self.damping_ratios, "damping_sd_relative", "damping_sd")
         if (given := self.shapes) is not None:
             reference = given.reference[0] if len(given.reference) == 1 else given.reference
-            components = Observed(np.array(given.components), np.array(given.sd)[:, None])
-            shapes = ModeShapes(given.dofs, reference, components)
+            components = vibrecords.Observed(np.array(given.components), np.array(given.sd)[:, None])
+            shapes = vibrecords.ModeShapes(given.dofs, reference, components)
         rows = self.frequencies_hz or self.eigenvalues
         assert rows is not None
         of_eigenvalues = self.eigenvalues is not None
         frequency = _observed(self, rows, "sd_relative", "eigenvalue_sd" if of_eigenvalues else "sd_hz")
-        made = ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
+        made = vibrecords.ModeData(frequency, damping, shapes, self.numbers or (), self.match, of_eigenvalues)
         if self.zeros is not None:
             made = replace(made, zeros=self.zeros.built())
         return made if self.constants is None else replace(made, constants=self.constants.built())
@@ -660,11 +657,9 @@ class ModesSpec(DataTable):
             yield Finding((other,), f"found it with {key}", f"sd_relative or {absolute}", f"state {absolute}")
 
 
-def _observed(table: Spec, rows: Sequence[object], relative_key: str, absolute_key: str) -> Observed:
+def _observed(table: Spec, rows: Sequence[object], relative_key: str, absolute_key: str) -> vibrecords.Observed:
     """Values with standard deviations that are fractions of their means over repetitions, or absolute, or both."""
     import numpy as np
-
-    from vibrecords import Observed
 
     values = np.array(rows, dtype=float)
     for key in (relative_key, absolute_key):
@@ -676,7 +671,7 @@ def _observed(table: Spec, rows: Sequence[object], relative_key: str, absolute_k
     mean = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     each = (slice(None), None) if values.ndim > 2 else ...  # of a mode, at each of its DOFs
     relative, absolute = (np.array(getattr(table, key))[each] for key in (relative_key, absolute_key))
-    return Observed(values, np.hypot(relative * np.abs(mean), absolute))
+    return vibrecords.Observed(values, np.hypot(relative * np.abs(mean), absolute))
 
 
 _MOST_LINES = 1_000_000  # frequency lines; more is a slip in f_step_hz, and would fill the memory
@@ -699,13 +694,11 @@ class NoiseSpec(Spec):
     seed: int = count_field("the seed", 1, 0)
     added: bool = key_field("true (noise in the data) or false (in the likelihood only)", True, True)
 
-    def built(self) -> NoiseLaw:
+    def built(self) -> vibrecords.NoiseLaw:
         """The law."""
-        from vibrecords import CoherenceNoise, RelativeNoise
-
         if self.coherence is not None and self.averages is not None:
-            return CoherenceNoise(self.coherence, self.averages, self.floor)
-        return RelativeNoise(self.relative, self.floor)
+            return vibrecords.CoherenceNoise(self.coherence, self.averages, self.floor)
+        return vibrecords.RelativeNoise(self.relative, self.floor)
 
     def _findings(self) -> Iterator[Finding]:
         if self.coherence is None and self.averages is None:
@@ -820,14 +813,12 @@ class NaturalFrequenciesSpec(DataTable):
         """Lowest and highest natural frequency, Hz."""
         return self.frequencies_hz[0], self.frequencies_hz[-1]
 
-    def built(self) -> FrequencyData:
+    def built(self) -> vibrecords.FrequencyData:
         """The natural frequencies."""
         import numpy as np
 
-        from vibrecords import FrequencyData
-
         frequency = np.array(self.frequencies_hz)
-        return FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
+        return vibrecords.FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
 
 
 @singledispatch

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
 import pydantic
@@ -147,6 +148,16 @@ def _changed(value: Any, path: _Path, key: _Path, change: Callable[[_Path, str],
     first, *rest = key
     names = value if first == _ANY else {first} & value.keys()
     return {**value, **{name: _changed(value[name], (*path, name), tuple(rest), change) for name in names}}
+
+
+class Later:
+    """A module that is imported where something of it is first asked for, as it takes NumPy."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 (whatever the module has)
+        return getattr(import_module(self._name), name)
 
 
 KeyPath = tuple[str | int, ...]

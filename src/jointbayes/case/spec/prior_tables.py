@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, Strict, create_model
 
+import jointbayes.joint as joints
 from jointbayes.case.spec.fields import (
     OWN,
     Finding,
     Labels,
+    Later,
     ListOf,
     Positive,
     Spec,
@@ -38,9 +40,10 @@ from jointbayes.joint import (
 )
 
 if TYPE_CHECKING:
-    from jointbayes.inference import ErrorSizes, Marginal
-    from jointbayes.joint import Joint, Parametrisation
+    from jointbayes import inference
     from vibrecords.arrays import Array
+else:
+    inference = Later("jointbayes.inference")
 
 _DISTRIBUTION = key_field(
     'the kind of prior, "log_uniform", "log_normal", "decades", "uniform" or "normal"', "log_uniform"
@@ -70,9 +73,7 @@ K22_FIELD = not_negative(_IN[_K22.name], 1e6)
 
 
 def _require_pair(*stiffnesses: float) -> None:
-    from jointbayes.joint import parametrisation_named
-
-    parametrisation_named(next(iter(COORDINATES)), ("y", "rz")).check(stiffnesses)
+    joints.parametrisation_named(next(iter(COORDINATES)), ("y", "rz")).check(stiffnesses)
 
 
 class StiffnessSpec(Spec):
@@ -143,16 +144,14 @@ class _PriorSpec(Spec):
 
     distribution: Annotated[str, _DISTRIBUTION]
 
-    def marginal(self) -> Marginal:
+    def marginal(self) -> inference.Marginal:
         """The prior on the coordinate, which is the logarithm of a stiffness."""
-        from jointbayes.inference import Normal, OfStiffness, Uniform
-
-        make: dict[str, Callable[..., Marginal]] = {
-            "log_uniform": Uniform.of_logarithm,
-            "log_normal": lambda median, sd: Normal(math.log(median), sd),
-            "decades": Normal.from_decades,
-            "uniform": lambda low, high: OfStiffness(Uniform(low, high)),
-            "normal": lambda mean, sd: OfStiffness(Normal(mean, sd)),
+        make: dict[str, Callable[..., inference.Marginal]] = {
+            "log_uniform": inference.Uniform.of_logarithm,
+            "log_normal": lambda median, sd: inference.Normal(math.log(median), sd),
+            "decades": inference.Normal.from_decades,
+            "uniform": lambda low, high: inference.OfStiffness(inference.Uniform(low, high)),
+            "normal": lambda mean, sd: inference.OfStiffness(inference.Normal(mean, sd)),
         }
         kind, *constants = dict(self).values()
         return make[kind](*constants)
@@ -220,11 +219,9 @@ def _uniform_prior(axis: Coordinate) -> type[Spec]:
         low: Annotated[float, Field(ge=least, le=most)] = key_field(f"the lower bound, a number {within}", -1.0)
         high: Annotated[float, Field(ge=least, le=most)] = key_field(f"the upper bound, a number {within}", 1.0)
 
-        def marginal(self) -> Marginal:
+        def marginal(self) -> inference.Marginal:
             """The prior on the coordinate."""
-            from jointbayes.inference import Uniform
-
-            return Uniform(self.low, self.high)
+            return inference.Uniform(self.low, self.high)
 
     return BoundedPriorSpec
 
@@ -273,19 +270,17 @@ class _SpreadSpec(Spec):
         else:
             yield from (Finding((key,), missing=True) for key in self._ends if key not in given)
 
-    def marginal(self, value: float = 1.0) -> Marginal:
+    def marginal(self, value: float = 1.0) -> inference.Marginal:
         """Prior on the logarithm of a factor on a value, a length in mm; or on an offset in m, that is `value` mm."""
-        from jointbayes.inference import Normal, Uniform
-
         sd_percent, sd_mm = getattr(self, "sd_percent", None), getattr(self, "sd_mm", None)
         if sd_percent is not None:
-            return Normal(0.0, sd_percent / 100)
+            return inference.Normal(0.0, sd_percent / 100)
         if sd_mm is not None:
-            return Normal(0.0, sd_mm / value)
+            return inference.Normal(0.0, sd_mm / value)
         ends = [getattr(self, key) for key in self._ends]
         if isinstance(self, OffsetPriorSpec):
-            return Uniform(*(end / value for end in ends))
-        return Uniform.of_logarithm(*ends)
+            return inference.Uniform(*(end / value for end in ends))
+        return inference.Uniform.of_logarithm(*ends)
 
     def try_objects(self) -> None:
         """The prior."""
@@ -366,12 +361,10 @@ class ModelErrorSpec(Spec):
     spring_factor: Annotated[float, _ERROR_FACTOR] = 10.0
     own: Annotated[bool, OWN] = False
 
-    def built(self) -> ErrorSizes:
+    def built(self) -> inference.ErrorSizes:
         """The sizes of the errors."""
-        from jointbayes.inference import ErrorSizes
-
         single = self.frequency_error, self.error_factor, self.damping_error, self.shape_error, self.constant_error
-        return ErrorSizes(*single, self.edge_error, self.spring_error, self.spring_factor)
+        return inference.ErrorSizes(*single, self.edge_error, self.spring_error, self.spring_factor)
 
 
 _MODEL_ERROR = Field(
@@ -513,26 +506,22 @@ class JointSpec(Spec):
         """What keeps it from sharing its quantities with another joint."""
         return [what for what in _ALIKE if getattr(self, what) != getattr(other, what)]
 
-    def built(self, name: str = "") -> Joint:
+    def built(self, name: str = "") -> joints.Joint:
         """Where it acts."""
-        from jointbayes.joint import Joint
-
         offsets = [mm and metres(mm) for mm in (self.offset_mm, self.offset_against_mm)]
-        return Joint(self.dofs, self.against, name, self.axes, *offsets)
+        return joints.Joint(self.dofs, self.against, name, self.axes, *offsets)
 
     @property
-    def parametrisation_object(self) -> Parametrisation:
+    def parametrisation_object(self) -> joints.Parametrisation:
         """Its coordinates."""
-        from jointbayes.joint import Damped
-
         kind = self._undamped
-        return Damped(kind, self.viscous, self.loss_factors) if self.viscous or self.loss_factors else kind
+        return joints.Damped(kind, self.viscous, self.loss_factors) if self.viscous or self.loss_factors else kind
 
     @property
-    def _undamped(self) -> Parametrisation:
-        from jointbayes.joint import parametrisation_named
-
-        return parametrisation_named(self.parametrisation if self.kind == _COUPLED else self.kind, self.directions)
+    def _undamped(self) -> joints.Parametrisation:
+        return joints.parametrisation_named(
+            self.parametrisation if self.kind == _COUPLED else self.kind, self.directions
+        )
 
     def try_objects(self) -> None:
         """Where it acts, and its coordinates."""

@@ -27,6 +27,7 @@ from jointbayes.case.spec.fields import (
     Finding,
     Fraction,
     Labels,
+    Later,
     ListOf,
     Positive,
     Ratios,
@@ -48,20 +49,11 @@ from jointbayes.errors import ModelError
 from jointbayes.joint import DIRECTIONS
 
 if TYPE_CHECKING:
-    from jointbayes.structure import (
-        BeamRecipe,
-        DampingLaw,
-        FrameBody,
-        FrameRecipe,
-        ImportedRecipe,
-        MatrixRecipe,
-        Member,
-        PointMass,
-        Section,
-        StructureRecipe,
-        ViscousMatrix,
-    )
+    import jointbayes.structure as structures
+    from jointbayes.structure import ImportedRecipe
     from vibrecords.arrays import Array
+else:
+    structures = Later("jointbayes.structure")
 
 LAW = key_field('the damping law, "modal", "loss_factor" or "rayleigh"', "modal")
 _RATIO = key_field("the damping ratio, a number from 0 to below 1 (0.01 is 1 %), or a list of them", 0.01)
@@ -105,11 +97,9 @@ class ModalDampingSpec(DampingSpec):
         """The ratios."""
         return {"damping_ratio": self.ratio}
 
-    def built(self) -> DampingLaw:
+    def built(self) -> structures.DampingLaw:
         """Modal damping."""
-        from jointbayes.structure import ModalDamping
-
-        return ModalDamping(self.ratio)
+        return structures.ModalDamping(self.ratio)
 
 
 class LossFactorDampingSpec(DampingSpec):
@@ -123,11 +113,9 @@ class LossFactorDampingSpec(DampingSpec):
         """The loss factor."""
         return {"loss_factor": (self.loss_factor,)}
 
-    def built(self) -> DampingLaw:
+    def built(self) -> structures.DampingLaw:
         """Structural damping."""
-        from jointbayes.structure import LossFactor
-
-        return LossFactor(self.loss_factor)
+        return structures.LossFactor(self.loss_factor)
 
 
 class RayleighDampingSpec(DampingSpec):
@@ -137,11 +125,9 @@ class RayleighDampingSpec(DampingSpec):
     alpha_per_s: float = not_negative("the factor of the mass matrix in 1/s", 1.0)
     beta_s: float = not_negative("the factor of the stiffness matrix in s", 1e-6)
 
-    def built(self) -> DampingLaw:
+    def built(self) -> structures.DampingLaw:
         """Rayleigh damping."""
-        from jointbayes.structure import Rayleigh
-
-        return Rayleigh(self.alpha_per_s, self.beta_s)
+        return structures.Rayleigh(self.alpha_per_s, self.beta_s)
 
 
 _UNDAMPED = LossFactorDampingSpec(law="loss_factor", loss_factor=0.0)
@@ -161,11 +147,9 @@ class _ShapeSpec(Spec):
         return {key: getattr(self, key) for key in type(self).model_fields if key != "shape"}
 
     @property
-    def section(self) -> Section:
+    def section(self) -> structures.Section:
         """The section that it describes."""
-        from jointbayes.structure import Section
-
-        return getattr(Section, self.shape)(*(size * 1e-3 for size in self.sizes_mm.values()))
+        return getattr(structures.Section, self.shape)(*(size * 1e-3 for size in self.sizes_mm.values()))
 
     def try_objects(self) -> None:
         """The section."""
@@ -297,7 +281,7 @@ class StructureBase(Spec):
         return None
 
     @abstractmethod
-    def recipe(self, loaded: tuple[str, ...]) -> StructureRecipe:
+    def recipe(self, loaded: tuple[str, ...]) -> structures.StructureRecipe:
         """The structure; `loaded` are the DOFs at which accelerometers sit."""
 
     def try_objects(self) -> None:
@@ -374,14 +358,12 @@ class BeamSpec(BeamsSpec, StructureBase):
         """Where a node is along the beam."""
         return f"{1e3 * self._free.positions[label.rpartition(':')[0]][0]:.4g} mm"
 
-    def recipe(self, loaded: tuple[str, ...]) -> BeamRecipe:
+    def recipe(self, loaded: tuple[str, ...]) -> structures.BeamRecipe:
         """The beam, with accelerometers where they sit."""
-        from jointbayes.structure import BeamMaterial, BeamRecipe
-
-        return BeamRecipe(
+        return structures.BeamRecipe(
             self.length_mm * 1e-3,
             self.section.section,
-            BeamMaterial(self.youngs_modulus_gpa * 1e9, self.poissons_ratio, self.density_kg_m3),
+            structures.BeamMaterial(self.youngs_modulus_gpa * 1e9, self.poissons_ratio, self.density_kg_m3),
             self.damping.built(),
             elements=self.elements,
             dofs_per_node=self.dofs_per_node,
@@ -436,11 +418,9 @@ class MatrixDampingSpec(DampingSpec):
     law: Annotated[Literal["matrix"], LAW]
     damping_matrix: Matrix = key_field(f"C in SI units (N s/m): {_MATRIX_TEXT}", "C.npy")
 
-    def built(self) -> ViscousMatrix:
+    def built(self) -> structures.ViscousMatrix:
         """The law of the matrix."""
-        from jointbayes.structure import ViscousMatrix
-
-        return ViscousMatrix(_array(self.damping_matrix))
+        return structures.ViscousMatrix(_array(self.damping_matrix))
 
     def try_objects(self) -> None:
         """The law, once its file is read."""
@@ -501,15 +481,13 @@ class ChainSpec(_RowsSpec):
         """The mass itself."""
         return f"mass {label.rpartition(':')[0]}"
 
-    def recipe(self, loaded: tuple[str, ...]) -> MatrixRecipe:
+    def recipe(self, loaded: tuple[str, ...]) -> structures.MatrixRecipe:
         """The chain, with accelerometers where they sit."""
-        from jointbayes.structure import MatrixRecipe, chain
-
         springs = [(*spring.between, spring.stiffness_n_per_m) for spring in self.springs]
         dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in self.dampers]
         law = None if dampers else self.damping.built()
-        whole = chain(self.masses_kg, springs, law, dampers=dampers, direction=self.direction)
-        return MatrixRecipe(
+        whole = structures.chain(self.masses_kg, springs, law, dampers=dampers, direction=self.direction)
+        return structures.MatrixRecipe(
             whole.stiffness,
             whole.mass,
             whole.dofs,
@@ -546,11 +524,9 @@ class MatricesSpec(_RowsSpec):
             stated["damping", "damping_matrix"] = self.damping.damping_matrix
         return stated
 
-    def recipe(self, loaded: tuple[str, ...]) -> MatrixRecipe:
+    def recipe(self, loaded: tuple[str, ...]) -> structures.MatrixRecipe:
         """The structure, with accelerometers where they sit."""
-        from jointbayes.structure import MatrixRecipe
-
-        return MatrixRecipe(
+        return structures.MatrixRecipe(
             _array(self.stiffness),
             _array(self.mass),
             self.dofs,
@@ -616,19 +592,17 @@ class MemberSpec(_Stuff):
     up: Vector | None = key_field(f"the direction in which the section's height lies, {_VECTOR}", [0.0, 1.0, 0.0], None)
     offsets_mm: Annotated[Annotated[tuple[Vector, Vector], Strict(False)] | None, _OFFSETS] = None
 
-    def member(self, *around: _Stuff | FrameSpec) -> Member:
+    def member(self, *around: _Stuff | FrameSpec) -> structures.Member:
         """The member; what it does not state is its body's, and what that does not state the frame's."""
-        from jointbayes.structure import BeamMaterial, Member
-
         modulus, poisson, density, kappa, force, section = (
             next(value for owner in (self, *around) if (value := getattr(owner, key)) is not None)
             for key in _Stuff.model_fields
         )
         first, last = self.offsets_mm or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        return Member(
+        return structures.Member(
             self.points,
             section.section,
-            BeamMaterial(modulus * 1e9, poisson, density),
+            structures.BeamMaterial(modulus * 1e9, poisson, density),
             self.end_section.section if self.end_section else None,
             None if kappa == "cowper" else kappa,
             self.up,
@@ -645,11 +619,9 @@ class PointMassSpec(Spec):
     inertia_kg_m2: Annotated[ListOf[float], max_length(6), _INERTIA] = (0.0, 0.0, 0.0)
     offset_mm: Annotated[Vector, _OFFSET] = (0.0, 0.0, 0.0)
 
-    def built(self) -> PointMass:
+    def built(self) -> structures.PointMass:
         """The mass."""
-        from jointbayes.structure import PointMass
-
-        return PointMass(self.point, self.mass_kg, self.inertia_kg_m2, metres(self.offset_mm))
+        return structures.PointMass(self.point, self.mass_kg, self.inertia_kg_m2, metres(self.offset_mm))
 
 
 _Members = Annotated[
@@ -667,13 +639,13 @@ class BodySpec(_Stuff):
     members: _Members = ()
     masses: _Masses = ()
 
-    def body(self, frame: _Stuff | FrameSpec) -> FrameBody:
+    def body(self, frame: _Stuff | FrameSpec) -> structures.FrameBody:
         """The body, in a frame that states what it does not."""
-        from jointbayes.structure import FrameBody
-
         members = self.members or (MemberSpec(points=tuple(self.points)),)
         places = tuple((name, metres(place)) for name, place in self.points.items())
-        return FrameBody(places, tuple(m.member(self, frame) for m in members), tuple(m.built() for m in self.masses))
+        return structures.FrameBody(
+            places, tuple(m.member(self, frame) for m in members), tuple(m.built() for m in self.masses)
+        )
 
 
 class BesideSpec(BeamsSpec, BodySpec):  # type: ignore[misc]  # what a body may leave out it must state
@@ -682,7 +654,7 @@ class BesideSpec(BeamsSpec, BodySpec):  # type: ignore[misc]  # what a body may 
     shear_coefficient: Annotated[_Shears, _SHEARS] = "cowper"
     section: Annotated[SectionSpec, _SECTION]
 
-    def built(self) -> FrameBody:
+    def built(self) -> structures.FrameBody:
         """The body."""
         return self.body(self)
 
@@ -731,11 +703,9 @@ class FrameSpec(BeamsSpec, StructureBase):
         stated |= {f"{n}.{q}": of for n, each in forces.items() if n for q, of in force_stated(each).items()}
         return stated | super().stated
 
-    def recipe(self, loaded: tuple[str, ...]) -> FrameRecipe:
+    def recipe(self, loaded: tuple[str, ...]) -> structures.FrameRecipe:
         """The frame, with accelerometers where they sit."""
-        from jointbayes.structure import FrameRecipe
-
-        return FrameRecipe(
+        return structures.FrameRecipe(
             tuple((name, body.body(self)) for name, body in self.all_bodies.items()),
             self.damping.built(),
             self.directions,
