@@ -23,8 +23,8 @@ from benchmarks import example_data
 from jointbayes.frf import Ports
 from jointbayes.posterior import Posterior
 from jointbayes.report.canvas import add_strokes, extremes, logarithmic, panels, points_of_polyline, svg
-from jointbayes.report.frf_curves import frf_unit
-from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.model import SERIES_COLOURS
+from jointbayes.report.sections.fit_to_data import frf_unit
 from jointbayes.report.structure_sketch import sketch
 from vibrecords import FrfData
 

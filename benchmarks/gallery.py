@@ -9,7 +9,7 @@ import jointbayes as jb
 from benchmarks.example_figures import light
 from benchmarks.quoted import OBJECTIVES, ROOT, Record, stiffnesses
 from jointbayes.report.canvas import panels
-from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.model import SERIES_COLOURS
 
 #: Cases of the page, in its order.
 CASES = (

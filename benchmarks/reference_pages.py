@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from jointbayes.cli.commands import main
-from jointbayes.report.guides import terms
+from jointbayes.report.methods import terms
 
 
 def command_line() -> list[str]:

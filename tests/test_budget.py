@@ -12,7 +12,7 @@ from jointbayes.identification import ModeSearch, first_starts, search_further
 from jointbayes.inference import Landing
 from jointbayes.posterior.next_step import advice
 from jointbayes.progress import EVALUATIONS, Budget
-from jointbayes.report.sections.trust import _calculation
+from jointbayes.report.sections.lead import _calculation
 from jointbayes.sampling import Proposal, Quantities, StudentT, draws_from_two_origins, run_adapted, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited

@@ -11,10 +11,15 @@ from jointbayes.posterior.compared_frfs import ComparedFrf
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.report import ReportInputs
 from jointbayes.report.drawing import frf_overlay
-from jointbayes.report.frf_curves import frf_unit
-from jointbayes.report.line_plot import FrfCurve, FrfPlot
-from jointbayes.report.model import Figure
-from jointbayes.report.sections.fit_to_data import MOST_FIGURES, MOST_ROWS, fit_section, shown_frfs, table_of_frfs
+from jointbayes.report.model import Figure, FrfCurve, FrfPlot
+from jointbayes.report.sections.fit_to_data import (
+    MOST_FIGURES,
+    MOST_ROWS,
+    fit_section,
+    frf_unit,
+    shown_frfs,
+    table_of_frfs,
+)
 from jointbayes.workflow import sample
 from tests.conftest import FEW_STEPS, TABLE_3, cheap_text, edited
 from tests.report.conftest import posterior_about

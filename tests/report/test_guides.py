@@ -5,9 +5,8 @@ import datetime
 import pytest
 from benchmarks.reference_pages import glossary
 
-from jointbayes.report.guides import guide_of, packaged, terms
 from jointbayes.report.html import render_html
-from jointbayes.report.methods import terms_section
+from jointbayes.report.methods import guide_of, packaged, terms, terms_section
 from jointbayes.report.model import Figure, Guide, Paragraph, Report, ReportSection
 from jointbayes.report.pdf import render_pdf
 from jointbayes.sampling import SamplerSettings

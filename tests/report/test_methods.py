@@ -12,8 +12,7 @@ from jointbayes.inference import NoiseModel, Normal, StudentNoise
 from jointbayes.posterior.checks import checks_of
 from jointbayes.posterior.sampled import recall
 from jointbayes.report import Report, render_html
-from jointbayes.report.guides import packaged
-from jointbayes.report.methods import methods_section, methods_text, references, report_text
+from jointbayes.report.methods import methods_section, methods_text, packaged, references, report_text
 from jointbayes.report.run_directory import write_into
 from jointbayes.report.sections.run_details import sampling_section
 from jointbayes.structure import Body, DampingLaw

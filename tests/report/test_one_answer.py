@@ -17,7 +17,7 @@ from jointbayes.posterior.summary import stiffness_row
 from jointbayes.posterior.verdicts import line_of
 from jointbayes.report import ReportInputs, build_report, drawing, render_html, render_pdf
 from jointbayes.report.export import central_joint, export
-from jointbayes.report.line_plot import FrfPlot
+from jointbayes.report.model import FrfPlot
 from jointbayes.workflow import AS_ASKED
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
 from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, on_one_line, shipped_text

@@ -7,7 +7,7 @@ import pytest
 
 from jointbayes.report import render_html
 from jointbayes.report.model import Figure, Paragraph, Table
-from jointbayes.report.page_budget import block_height, share_pages
+from jointbayes.report.pdf import block_height, share_pages
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="{0}pt" height="{1}pt" viewBox="0 0 {0} {1}"/>'
 

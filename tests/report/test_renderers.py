@@ -18,9 +18,21 @@ import typst
 from matplotlib.figure import Figure as MplFigure
 
 from jointbayes.report.html import render_html
-from jointbayes.report.line_plot import LinePlot, Series
 from jointbayes.report.markup import Run, badge, format_numbers, parse, plain
-from jointbayes.report.model import Callout, Code, Figure, Guide, Light, Lights, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import (
+    Callout,
+    Code,
+    Figure,
+    Guide,
+    Light,
+    Lights,
+    LinePlot,
+    Paragraph,
+    Report,
+    ReportSection,
+    Series,
+    Table,
+)
 from jointbayes.report.pdf import render_pdf
 from tests.hostile import opened
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from jointbayes.report.canvas import extremes, points_of_polyline
-from jointbayes.report.frf_curves import shown_lines
 from jointbayes.report.html import render_html
-from jointbayes.report.line_plot import LinePlot, Series
-from jointbayes.report.model import Figure, Report, ReportSection
+from jointbayes.report.model import Figure, LinePlot, Report, ReportSection, Series
+from jointbayes.report.sections.fit_to_data import shown_lines
 from vibrecords import FrfSet
 
 LINES = 0.25 * np.arange(1, 9922)

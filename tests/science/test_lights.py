@@ -14,7 +14,7 @@ import jointbayes as jb
 from jointbayes.case.case_objects import recipe_of
 from jointbayes.posterior.compared_frfs import compared_frfs_of
 from jointbayes.report.inputs import ReportInputs
-from jointbayes.report.sections.trust import lights_of
+from jointbayes.report.sections.lead import lights_of
 from tests.conftest import CONFIGS, TABLE_3, edited
 
 TEXT = edited(

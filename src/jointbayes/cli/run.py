@@ -38,8 +38,7 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
     from jointbayes.posterior.diagnosis import diagnoses_of
     from jointbayes.posterior.prediction import sentences_of_left_out
     from jointbayes.report.inputs import ReportInputs
-    from jointbayes.report.kept_draws import draws_kept
-    from jointbayes.report.run_directory import require_writable, room_of_run, write_run
+    from jointbayes.report.run_directory import draws_kept, require_writable, room_of_run, write_run
 
     target = out or Path("reports") / case.name
     require_writable(target, room=room_of_run(case.problem, case.sampler, report=True))
@@ -127,8 +126,7 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
       jointbayes sample my_case.toml --quiet --json
     """
     case = common.load(config)
-    from jointbayes.report.kept_draws import save_draws
-    from jointbayes.report.run_directory import require_room, room_of_run
+    from jointbayes.report.run_directory import require_room, room_of_run, save_draws
 
     target = out or Path(f"{case.name}.nc")
     require_free(target, "--out", posterior=True)
@@ -163,8 +161,7 @@ def report(posterior: Path, out: Path | None, *, single: bool) -> None:
     posterior = common.posterior_file(posterior)
     # before the seconds that the rest takes to load
     show_stage(Progress("reading the draws", str(posterior)), on_terminal_only=not posterior.is_file())
-    from jointbayes.report.kept_draws import draws_explained
-    from jointbayes.report.run_directory import require_writable, write_run
+    from jointbayes.report.run_directory import draws_explained, require_writable, write_run
     from jointbayes.workflow import load_posterior
 
     page = out or posterior.parent / "one-page.pdf"

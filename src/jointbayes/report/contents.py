@@ -9,11 +9,11 @@ from typing import TypeAlias, TypeVar
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.methods import methods_section, rules_of, terms_section
 from jointbayes.report.model import Block, Figure, Paragraph, Report, ReportSection, Table
-from jointbayes.report.page_budget import share_pages
+from jointbayes.report.pdf import share_pages
 from jointbayes.report.sections.fit_to_data import check_section, fit_section, left_out_section
 from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
 from jointbayes.report.sections.intervals import nuisance_section, numbers_section, posterior_section
-from jointbayes.report.sections.lead import answer_section, lead
+from jointbayes.report.sections.lead import answer_section, lead, worst_test
 from jointbayes.report.sections.measured_data import (
     case_warnings_section,
     measured_bodies_section,
@@ -23,7 +23,6 @@ from jointbayes.report.sections.measured_data import (
 from jointbayes.report.sections.natural_frequencies import frequency_section, joint_in_modes_section, own_section
 from jointbayes.report.sections.run_details import sampling_section, settings_section, starts_section
 from jointbayes.report.sections.several_tests import overview_section, section_of_test
-from jointbayes.report.sections.trust import worst_test
 
 Inputs = TypeVar("Inputs")
 Section: TypeAlias = Callable[[ReportInputs], ReportSection | None]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report.canvas import add_strokes, extremes, legend_above, logarithmic, panels, svg
-from jointbayes.report.line_plot import SERIES_COLOURS, FrfPlot, Wireframe
+from jointbayes.report.model import SERIES_COLOURS, FrfPlot, Wireframe
 from vibrecords.arrays import Array
 
 #: Axes of a figure with several panels, an array of any shape.

@@ -19,10 +19,9 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from jointbayes.report.canvas import extremes, points_of_polyline
-from jointbayes.report.guides import guide_of
-from jointbayes.report.line_plot import SERIES_COLOURS, FrfCurve, FrfPlot, LinePlot, Wireframe
 from jointbayes.report.markup import ISOLATED, SYMBOLS, badge, clean, parse, plain
-from jointbayes.report.model import Figure, Report
+from jointbayes.report.methods import guide_of
+from jointbayes.report.model import SERIES_COLOURS, Figure, FrfCurve, FrfPlot, LinePlot, Report, Wireframe
 from vibrecords.arrays import Array
 
 #: Of the vertical range of an interactive plot: by this a curve may miss points that are left out.

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from jointbayes.report.canvas import extremes, legend_above, svg
-from jointbayes.report.line_plot import SERIES_COLOURS
+from jointbayes.report.model import SERIES_COLOURS
 from vibrecords.arrays import Array
 from vibrecords.errors import printable
 from vibrecords.formats.units import si_frf_unit

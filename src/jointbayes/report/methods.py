@@ -1,25 +1,50 @@
 """How the numbers of a report came about, in the words of ``texts/methods.toml``, what to cite for it, and its terms.
 
 A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file beside the report.
+How to read the figures, and the terms, stand in ``texts/guides.toml`` and ``texts/terms.toml``.
 """
 
 import math
 import re
+import tomllib
 from collections.abc import Collection, Iterable
+from functools import cache
 from importlib.resources import files
+from typing import Any
 
 from jointbayes.phrases import listed
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.checks import checks_of
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.verdicts import rule_of
-from jointbayes.report.guides import packaged, terms
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign, readable
-from jointbayes.report.model import Paragraph, ReportSection, Table
+from jointbayes.report.model import Guide, Paragraph, ReportSection, Table
 from jointbayes.reproducibility import code_version
 from jointbayes.rounding import interval, join_unit
+from jointbayes.sampling import SamplerSettings
 from jointbayes.verdict_rule import RULE, VerdictRule
+
+
+@cache
+def packaged(name: str) -> dict[str, Any]:
+    """A TOML file of the package's texts."""
+    return tomllib.loads(files("jointbayes.report").joinpath("texts", name).read_text(encoding="utf-8"))
+
+
+def guide_of(identifier: str) -> Guide | None:
+    """How to read the figure with this identifier, by the longest beginning that has a guide; None without any."""
+    own = re.sub(r"^test-\d+-", "", identifier)
+    named = max((name for name in packaged("guides.toml") if own.startswith(name)), key=len, default=None)
+    return None if named is None else Guide(**packaged("guides.toml")[named])
+
+
+def terms(rules: Collection[VerdictRule] = (RULE,)) -> dict[str, str]:
+    """Meaning of each term, in the order in which they are printed; `rules` are those of a run's stiffnesses."""
+    each = {"identified": {rule.identified for rule in rules}, "weak": {rule.weakly_identified for rule in rules}}
+    limits = {name: " or ".join(f"{limit:g}" for limit in sorted(some)) for name, some in each.items()}
+    limits["r_hat"] = f"{SamplerSettings().r_hat_max:g}"
+    return {term: meaning.format(**limits) for term, meaning in packaged("terms.toml").items()}
 
 
 def report_text(key: str, **values: object) -> str:

@@ -21,7 +21,7 @@ from jointbayes.posterior.summary import frequency_summary, measured_frequencies
 from jointbayes.posterior.verdicts import region_of
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
-from jointbayes.report.frf_curves import frf_curves, frf_unit
+from jointbayes.report.sections.fit_to_data import frf_curves, frf_unit
 from jointbayes.report.sections.intervals import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values

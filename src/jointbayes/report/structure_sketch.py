@@ -18,7 +18,7 @@ from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem, Test
 from jointbayes.joint import Joint
 from jointbayes.report.canvas import svg
-from jointbayes.report.line_plot import SERIES_COLOURS, Wireframe
+from jointbayes.report.model import SERIES_COLOURS, Wireframe
 from jointbayes.structure import FrameBody, Member, Section
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported.imported_body import ImportedRecipe

@@ -2,6 +2,8 @@
 
 from jointbayes.structure.body import Body as Body
 from jointbayes.structure.body import FreeModes as FreeModes
+from jointbayes.structure.body import Modes as Modes
+from jointbayes.structure.body import Reduction as Reduction
 from jointbayes.structure.damping import DampingLaw as DampingLaw
 from jointbayes.structure.damping import LossFactor as LossFactor
 from jointbayes.structure.damping import ModalDamping as ModalDamping
@@ -29,8 +31,6 @@ from jointbayes.structure.imported import ReducedPart as ReducedPart
 from jointbayes.structure.imported import read_structure as read_structure
 from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
 from jointbayes.structure.matrices import Structure as Structure
-from jointbayes.structure.modes import Modes as Modes
-from jointbayes.structure.modes import Reduction as Reduction
 from jointbayes.structure.recipe import ElementKind as ElementKind
 from jointbayes.structure.recipe import is_additive as is_additive
 from jointbayes.structure.section import BeamMaterial as BeamMaterial

@@ -8,10 +8,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.body import FreeModes
+from jointbayes.structure.body import Forced, FreeModes
 from jointbayes.structure.damping import NOT_NEGATIVE, DampingLaw, ViscousMatrix, lowest_eigenvalue
 from jointbayes.structure.matrices import Structure
-from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import Recipe, UncertainBody
 from vibrecords.arrays import Array, convert_fields
 from vibrecords.errors import array_of, printable

@@ -9,9 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from jointbayes.errors import ModelError, require
-from jointbayes.structure.body import MOST_HELD, Body, FreeModes, Rows
+from jointbayes.structure.body import MOST_HELD, Body, Forced, FreeModes, Modes, Reduction, Rows
 from jointbayes.structure.damping import DampingLaw, require_symmetric
-from jointbayes.structure.modes import Forced, Modes, Reduction
 from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import array_of
 

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.body import Body, FreeModes, Rows
+from jointbayes.structure.body import Body, Forced, FreeModes, Reduction, Rows
 from jointbayes.structure.damping import DampingLaw, LossFactor, ModalDamping
 from jointbayes.structure.matrices import SolvedModes, Structure
-from jointbayes.structure.modes import Forced, Reduction
 from vibrecords.arrays import Array, ComplexArray
 from vibrecords.errors import printable
 

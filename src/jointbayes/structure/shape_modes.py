@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 from scipy import optimize
 
+from jointbayes.structure.body import Forced, Modes, Reduction
 from jointbayes.structure.matrices import SolvedModes, StructureAt
-from jointbayes.structure.modes import Forced, Modes, Reduction
 from vibrecords.arrays import Array, Flags, Indices
 
 Ends = Sequence[tuple[float, float]]

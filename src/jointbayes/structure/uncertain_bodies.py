@@ -14,13 +14,12 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 
 from jointbayes.errors import ModelError
-from jointbayes.structure.body import MOST_HELD, Discretisation, FreeModes
+from jointbayes.structure.body import MOST_HELD, Discretisation, Forced, FreeModes
 from jointbayes.structure.frame_element import BodyFactors
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameMesh, FrameRecipe, MemberRecipe
 from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.imported.imported_body import ImportedFamily, ImportedRecipe
 from jointbayes.structure.matrices import ConstantModes, Structure
-from jointbayes.structure.modes import Forced
 from jointbayes.structure.recipe import UncertainBody, is_hashable
 from jointbayes.structure.shape_modes import (
     ModesOverShape,

@@ -22,11 +22,20 @@ from jointbayes.joint import AnyJoint, joints_of
 from jointbayes.phrases import listed
 from jointbayes.posterior import OtherStructure, Posterior
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.frf_curves import frf_unit
-from jointbayes.report.line_plot import SERIES_COLOURS
 from jointbayes.report.markup import foreign
-from jointbayes.report.model import Block, Callout, Figure, Kind, Paragraph, Report, ReportSection, Table
+from jointbayes.report.model import (
+    SERIES_COLOURS,
+    Block,
+    Callout,
+    Figure,
+    Kind,
+    Paragraph,
+    Report,
+    ReportSection,
+    Table,
+)
 from jointbayes.report.run_directory import json_text
+from jointbayes.report.sections.fit_to_data import frf_unit
 from jointbayes.rounding import json_ready, number
 from jointbayes.structure import StructureRecipe
 from jointbayes.studies.lobes import Cut, Lobes, limiting_depth

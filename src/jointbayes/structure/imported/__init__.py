@@ -5,8 +5,8 @@ from jointbayes.structure.imported.fe_model import FeModel as FeModel
 from jointbayes.structure.imported.fe_model import FePart as FePart
 from jointbayes.structure.imported.imported_body import ImportedFamily as ImportedFamily
 from jointbayes.structure.imported.imported_body import ImportedRecipe as ImportedRecipe
+from jointbayes.structure.imported.imported_body import Outline as Outline
 from jointbayes.structure.imported.imported_body import reduce_to_ports as reduce_to_ports
-from jointbayes.structure.imported.outline import Outline as Outline
 from jointbayes.structure.imported.ports import Port as Port
 from jointbayes.structure.imported.ports import nodes_in_box as nodes_in_box
 from jointbayes.structure.imported.ports import port_forms as port_forms

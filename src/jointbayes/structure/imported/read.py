@@ -11,16 +11,21 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.errors import ModelError, require
-from jointbayes.structure.imported.abaqus import read_abaqus, read_substructure
-from jointbayes.structure.imported.ansys import read_harwell_boeing, read_mapping
 from jointbayes.structure.imported.axes import require_own_axes
-from jointbayes.structure.imported.calculix import read_calculix, read_dof_file
 from jointbayes.structure.imported.entries import MOST_DOFS, MOST_WAYS, Entries, Exported, fault
 from jointbayes.structure.imported.fe_model import FeModel, Sparse
-from jointbayes.structure.imported.matrix_market import read_matrix_market
 from jointbayes.structure.imported.mesh import read_map, read_nodes
 from jointbayes.structure.imported.named_arrays import read_named_arrays
 from jointbayes.structure.imported.nastran import read_assembly, read_dmig, read_op4
+from jointbayes.structure.imported.text_matrices import (
+    read_abaqus,
+    read_calculix,
+    read_dof_file,
+    read_harwell_boeing,
+    read_mapping,
+    read_matrix_market,
+    read_substructure,
+)
 from vibrecords.arrays import Array, Indices
 from vibrecords.errors import MeasurementError
 from vibrecords.records import MOST_BYTES
