@@ -16,7 +16,7 @@ from matplotlib.text import Annotation
 from jointbayes.frf import AssembledShapes
 from jointbayes.identification import MapEstimate
 from jointbayes.inference import Problem, Test
-from jointbayes.joint import Joint
+from jointbayes.joint import DIRECTIONS, Joint
 from jointbayes.report.canvas import svg
 from jointbayes.report.model import SERIES_COLOURS, Wireframe
 from jointbayes.structure import FrameBody, Member, Section
@@ -39,7 +39,6 @@ _MOST_NAMED = 8  # joints, sensors or forces: of more none is named
 #: Points of all lines together, and at most on one stretch between points of the structure.
 _POINTS, _ON_A_STRETCH = 240, 9
 _SWING = 0.15  # of the structure's size, as it is drawn
-_DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 
 _End = tuple[str, Array, Array]
 """Of a straight stretch: the point of the structure that it moves with, its place and its offset from there, (3,)."""
@@ -337,12 +336,12 @@ def wireframe(problem: Problem, estimate: MapEstimate, names: Sequence[str]) -> 
         #    uncertain takes a table of modes.
         body, there = test.structures, set(test.structures.labels)
         motions = {point: np.zeros((len(names), 6)) for ends in stretches for point, *_ in ends}
-        dofs = [dof for point in motions for direction in _DIRECTIONS if (dof := f"{point}:{direction}") in there]
+        dofs = [dof for point in motions for direction in DIRECTIONS if (dof := f"{point}:{direction}") in there]
         certain = body.at((*dofs, *test.joints.labels), body.reach_hz(len(names))).certain()
         shapes = AssembledShapes(certain, test.joints, len(names), dofs).modes(matrices).shapes[0]
         for dof, motion in zip(dofs, shapes.T, strict=True):
             point, _, direction = dof.rpartition(":")
-            motions[point][:, _DIRECTIONS.index(direction)] = motion
+            motions[point][:, DIRECTIONS.index(direction)] = motion
         # 2. Each stretch bends as a cubic of value and slope at either end.
         s = np.linspace(0.0, 1.0, max(2, min(_ON_A_STRETCH, _POINTS // len(stretches))))
         cubics = np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2])

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
@@ -54,10 +54,11 @@ from jointbayes.case.spec.fields import (
     to_list,
 )
 from jointbayes.case.spec.prior_tables import NamedStiffnessSpec
+from jointbayes.case.spec.structure_tables import Direction, StructureBase
 from jointbayes.errors import MeasurementError
+from jointbayes.joint import DIRECTIONS
 
 if TYPE_CHECKING:
-    from jointbayes.case.spec.structure_tables import StructureBase
     from vibrecords.measurement_plan import Channel, VarianceSource
     from vibrecords.rotations import Rotation
     from vibrecords.virtual_points import VirtualPoint
@@ -230,7 +231,6 @@ _SENSORS_MM = key_field(
     'the place in mm of each sensor or hit, by what stands before the colon of the DOFs of its channels',
     {"101": [383.0, 20.0, 0.0]}, min_length=1,
 )  # fmt: skip
-_Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
 
 
 class VirtualPointSpec(Spec):
@@ -241,8 +241,8 @@ class VirtualPointSpec(Spec):
     directions: Annotated[dict[Label, Vector], max_length(MOST_LABELS)] = key_field(
         "the direction of a channel's DOF, where it is not along the axis of its label", {"101:y": [0.0, 0.8, 0.6]}, {}
     )
-    dofs: Annotated[ListOf[_Direction], AfterValidator(distinct)] = key_field(
-        "those of the point's six DOFs that are wanted", ["y", "rz"], get_args(_Direction), min_length=1
+    dofs: Annotated[ListOf[Direction], AfterValidator(distinct)] = key_field(
+        "those of the point's six DOFs that are wanted", ["y", "rz"], DIRECTIONS, min_length=1
     )
 
     def point(self, name: str, channels: Iterable[str]) -> VirtualPoint:
