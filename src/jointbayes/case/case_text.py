@@ -183,21 +183,7 @@ def case_text(text: str, name: str, file: Path | None = None, allow_outside: boo
     if file is None:
         mistake = "found a text that is no file and builds on one"
         raise CaseError(source.fault((_EXTENDS,), mistake, "a text that is whole", "load it as a file"))
-    *chain, whole = _chain(source, file, allow_outside)
-    bases = tuple(Path(text.name) for text in (*chain[1:], whole))
-    for over in reversed(chain):
-        whole = _merged(whole, over)
-    names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in whole.places.values()))
-    return replace(whole, text=f"# Merged from {names}\n{toml_text(whole.data)}", bases=bases)
-
-
-def _parsed(text: str, name: str) -> CaseText:
-    """A text by itself."""
-    return CaseText(name, text, parse_toml(text, name), {path: (name, line) for path, line in key_lines(text).items()})
-
-
-def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
-    """A case and the files it builds on, the last of which builds on none."""
+    # 1. Read the files that it builds on, the last of which builds on none.
     home, here, current = file.parent, file, source
     read, chain = [_real(file)], [source]
     while (base := current.data.get(_EXTENDS)) is not None:
@@ -225,7 +211,18 @@ def _chain(source: CaseText, file: Path, allow_outside: bool) -> list[CaseText]:
         if here.parent != home:
             current = replace(current, data=rename_files(current.data, partial(_moved, here.parent, home)))
         chain.append(current)
-    return chain
+    # 2. Merge them, the last one first.
+    *chain, whole = chain
+    bases = tuple(Path(text.name) for text in (*chain[1:], whole))
+    for over in reversed(chain):
+        whole = _merged(whole, over)
+    names = ", ".join(dict.fromkeys(printable(Path(file).name) for file, _ in whole.places.values()))
+    return replace(whole, text=f"# Merged from {names}\n{toml_text(whole.data)}", bases=bases)
+
+
+def _parsed(text: str, name: str) -> CaseText:
+    """A text by itself."""
+    return CaseText(name, text, parse_toml(text, name), {path: (name, line) for path, line in key_lines(text).items()})
 
 
 def _real(file: Path) -> Path:

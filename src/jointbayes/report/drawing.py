@@ -202,11 +202,8 @@ def draw_corner(
         for axis in (axes.xaxis, axes.yaxis):
             if isinstance(axis.get_major_formatter(), ScalarFormatter):
                 axis.get_major_formatter().set_useOffset(False)
-    _label_beyond_ticks([axes.xaxis for axes in grid[-1]], [axes.yaxis for axes in grid[1:, 0]])
-
-
-def _label_beyond_ticks(below: Sequence[Any], beside: Sequence[Any]) -> None:
-    """Put the labels of axes in line beyond the longest of their slanted tick labels."""
+    # Put the labels of axes in line beyond the longest of their slanted tick labels
+    below, beside = [axes.xaxis for axes in grid[-1]], [axes.yaxis for axes in grid[1:, 0]]
     axes = below[0].axes
     width = axes.get_window_extent().width / axes.figure.dpi  # inches
     for line in (below, beside):
@@ -258,18 +255,14 @@ def draw_autocorrelation(axes: Axes, names: Sequence[str], theta: Array, thin: i
     """
     lags = min(theta.shape[1] - 1, 60)
     for i, name in enumerate(names):
-        steps, values = thin * np.arange(lags + 1), _autocorrelation(theta[..., i], lags)
+        centred = theta[..., i] - theta[..., i].mean()
+        covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
+        steps, values = thin * np.arange(lags + 1), covariance / covariance[0]
         axes.plot(steps, values, "o-", ms=2.5, lw=1, label=name, color=SERIES_COLOURS[i % len(SERIES_COLOURS)])
     axes.axhline(0, color="0.4", lw=0.6)
     axes.set_xlabel("Lag (steps)")
     axes.set_ylabel("Autocorrelation")
     axes.legend()
-
-
-def _autocorrelation(chains: Array, lags: int) -> Array:
-    centred = chains - chains.mean()
-    covariance = np.array([(centred[:, : centred.shape[1] - k] * centred[:, k:]).mean() for k in range(lags + 1)])
-    return covariance / covariance[0]
 
 
 def draw_mode_shape(

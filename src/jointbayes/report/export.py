@@ -74,7 +74,21 @@ def export(
     require_written(form, "export", ("csv", *PROGRAMS))
     theta, of = central_joint(posterior)
     stiffness = part.parametrisation.matrix(part.prior.values(theta)).stiffness
-    said = [f"Joint of {posterior.problem.name}: the {of}.", *_joint_lines(posterior, part, theta, units)]
+    # 1. Say value, interval and verdict of each quantity, in capitals where it is not known.
+    said = [f"Joint of {posterior.problem.name}: the {of}."]
+    said += [] if posterior.converged else [not_converged(posterior.reason, NO_VERDICT_NO_USE)]
+    for quantity, value in zip(part.parametrisation.quantities, part.prior.values(theta), strict=True):
+        if not quantity.places:
+            continue
+        known, si_unit = posterior.verdict(quantity.name), posterior.unit(quantity.name)
+        factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
+        low, high = (f"{end * factor:.4g}" for end in known.interval)
+        verdict = known.words if known.cls in CERTAINTY else known.words.upper()
+        said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
+        said.append(f"In SI units: {line_of(quantity.name, known)} ({'; '.join(reason_lines(known))}).")
+        if quantity.role != "stiffness":
+            said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
+    # 2. Write the cards, or the table of FRFs.
     if form in PROGRAMS:
         elements, rigid = _elements(part, stiffness, units, numbers)
         write_whole_file(target, fe_cards(form, elements, [*said, *rigid], units, first_id).encode())
@@ -145,20 +159,3 @@ def _elements(
         said += [f"{joint.dofs[i]} IS HELD RIGID AND NOT ON THESE CARDS: ADD A RIGID ELEMENT." for i in rigid]
         row = rows.stop
     return elements, said
-
-
-def _joint_lines(posterior: Posterior, part: Problem, theta: Array, units: Units) -> list[str]:
-    """Value, interval and verdict of each quantity, in capitals where it is not known."""
-    said = [] if posterior.converged else [not_converged(posterior.reason, NO_VERDICT_NO_USE)]
-    for quantity, value in zip(part.parametrisation.quantities, part.prior.values(theta), strict=True):
-        if not quantity.places:
-            continue
-        known, si_unit = posterior.verdict(quantity.name), posterior.unit(quantity.name)
-        factor, unit = _IN_MM.get(si_unit, (1.0, si_unit)) if units == "mm-N-t" else (1.0, si_unit)
-        low, high = (f"{end * factor:.4g}" for end in known.interval)
-        verdict = known.words if known.cls in CERTAINTY else known.words.upper()
-        said.append(f"{quantity.name} = {value * factor:.10g} {unit}, 95 % interval {low} to {high}: {verdict}.")
-        said.append(f"In SI units: {line_of(quantity.name, known)} ({'; '.join(reason_lines(known))}).")
-        if quantity.role != "stiffness":
-            said.append(f"{quantity.name} IS DAMPING AND ON NO CARD.")
-    return said

@@ -60,7 +60,12 @@ def render_html(report: Report) -> str:
     if interactive:
         styles.insert(0, _asset("assets/uPlot.min.css"))
         scripts.insert(0, _asset("assets/uPlot.iife.min.js"))
-    return _template().render(
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters.update(rich=_rich, plain=plain, clean=clean, data_uri=_data_uri, payload=_payload)
+    environment.globals.update(badge=badge, guide_of=guide_of, symbols=SYMBOLS, spoken=_SPOKEN)
+    return environment.from_string(_asset("templates/report.html.j2")).render(
         report=report,
         figure_number=count(1).__next__,
         table_number=count(1).__next__,
@@ -71,15 +76,6 @@ def render_html(report: Report) -> str:
             "img-src data:; base-uri 'none'; form-action 'none'"
         ),
     )
-
-
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters.update(rich=_rich, plain=plain, clean=clean, data_uri=_data_uri, payload=_payload)
-    environment.globals.update(badge=badge, guide_of=guide_of, symbols=SYMBOLS, spoken=_SPOKEN)
-    return environment.from_string(_asset("templates/report.html.j2"))
 
 
 def _asset(name: str) -> str:

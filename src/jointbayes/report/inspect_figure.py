@@ -50,45 +50,42 @@ def inspect_figure(frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode], hit
         if heights:
             place = {"left": 0.11, "right": 0.98, "top": 1 - 0.3 / height, "bottom": (1.5 * rows + 0.45) / height}
             grid = canvas.add_gridspec(len(heights), 1, height_ratios=heights, hspace=0.08, **place)
-            _draw_frfs(grid.subplots(sharex=True, squeeze=False)[:, 0], frfs, modes)
+            panels = grid.subplots(sharex=True, squeeze=False)[:, 0]
+            for i, record in enumerate(frfs):
+                colour = SERIES_COLOURS[i % len(SERIES_COLOURS)]
+                f = np.where(np.abs(record.frequency_hz) <= HIGHEST_HZ, record.frequency_hz, np.nan)
+                good = measurable(record.values) & (record.values != 0)
+                curves = [
+                    np.where(good, np.abs(record.values), np.nan),
+                    np.where(good, np.angle(record.values, deg=True), np.nan),
+                ]
+                if record.coherence is not None and len(panels) > 2:
+                    curves.append(np.where(np.abs(record.coherence) < _IN_SIGHT, record.coherence, np.nan))
+                for j, (panel, curve) in enumerate(zip(panels, curves, strict=False)):
+                    # the phase jumps between −180° and 180°: points, not lines
+                    style = {"ls": "none", "marker": ".", "ms": 1.2} if j == 1 else {"lw": 0.8}
+                    kept = extremes(curve, _STRETCHES)
+                    name = _plain(f"{record.response}/{record.reference}")
+                    panel.plot(f[kept], curve[kept], color=colour, label=name, **style)
+            panels[0].set_yscale("log")
+            kinds = dict.fromkeys(r.quantity for r in frfs)
+            units = [si_frf_unit(kind).replace("^2", "²") or "unknown quantity" for kind in kinds]
+            panels[0].set_ylabel(" or ".join(f"{k or 'H'} ({unit})" for k, unit in zip(kinds, units, strict=True)))
+            panels[1].set_ylabel("phase (°)")
+            panels[1].set_yticks([-180, -90, 0, 90, 180])
+            if len(panels) > 2:
+                panels[2].set_ylabel("coherence")
+                panels[2].set_ylim(-0.02, 1.05)
+            for mode in modes:
+                panels[0].axvline(mode.frequency_hz, color="0.5", lw=0.6, ls=":")
+            panels[-1].set_xlabel("Frequency (Hz)")
+            legend_above(panels[0])
         if rows:
             place = {"left": 0.08, "right": 0.98, "top": (1.5 * rows - 0.35) / height, "bottom": 0.35 / height}
             grid = canvas.add_gridspec(rows, _HITS_IN_A_ROW, hspace=0.7, wspace=0.3, **place)
             _draw_hits(grid.subplots(squeeze=False), drawn)
 
     return svg(draw, 7.4, height)
-
-
-def _draw_frfs(panels: Any, frfs: Sequence[FrfRecord], modes: Sequence[MeasuredMode]) -> None:  # noqa: ANN401 (array)
-    for i, record in enumerate(frfs):
-        colour = SERIES_COLOURS[i % len(SERIES_COLOURS)]
-        f = np.where(np.abs(record.frequency_hz) <= HIGHEST_HZ, record.frequency_hz, np.nan)
-        good = measurable(record.values) & (record.values != 0)
-        curves = [
-            np.where(good, np.abs(record.values), np.nan),
-            np.where(good, np.angle(record.values, deg=True), np.nan),
-        ]
-        if record.coherence is not None and len(panels) > 2:
-            curves.append(np.where(np.abs(record.coherence) < _IN_SIGHT, record.coherence, np.nan))
-        for j, (panel, curve) in enumerate(zip(panels, curves, strict=False)):
-            # the phase jumps between −180° and 180°: points, not lines
-            style = {"ls": "none", "marker": ".", "ms": 1.2} if j == 1 else {"lw": 0.8}
-            kept = extremes(curve, _STRETCHES)
-            name = _plain(f"{record.response}/{record.reference}")
-            panel.plot(f[kept], curve[kept], color=colour, label=name, **style)
-    panels[0].set_yscale("log")
-    kinds = dict.fromkeys(r.quantity for r in frfs)
-    units = [si_frf_unit(kind).replace("^2", "²") or "unknown quantity" for kind in kinds]
-    panels[0].set_ylabel(" or ".join(f"{k or 'H'} ({unit})" for k, unit in zip(kinds, units, strict=True)))
-    panels[1].set_ylabel("phase (°)")
-    panels[1].set_yticks([-180, -90, 0, 90, 180])
-    if len(panels) > 2:
-        panels[2].set_ylabel("coherence")
-        panels[2].set_ylim(-0.02, 1.05)
-    for mode in modes:
-        panels[0].axvline(mode.frequency_hz, color="0.5", lw=0.6, ls=":")
-    panels[-1].set_xlabel("Frequency (Hz)")
-    legend_above(panels[0])
 
 
 _TITLE = 34  # characters of a line above the panel of a hit

@@ -230,15 +230,6 @@ def _code_runs(text: str, *, bold: bool) -> list[Run]:
     ]
 
 
-def _bold_spans(text: str) -> list[re.Match[str]]:
-    """Bold stretches, except asterisks that belong to a code span (``a**2 * b**2`` is an expression)."""
-    code = [match.span() for match in _CODE.finditer(text)]
-    hidden = list(text)
-    for start, stop in code:
-        hidden[start:stop] = "\ufffc" * (stop - start)
-    return list(_BOLD.finditer("".join(hidden)))
-
-
 def parse(text: str) -> tuple[Run, ...]:
     """Split a text with ``**bold**`` and `` `code` `` into runs; everything else is literal.
 
@@ -262,7 +253,12 @@ def parse(text: str) -> tuple[Run, ...]:
     text = re.sub(f"[{_OPEN}{_CLOSE}]", "", ISOLATED.sub(_PLACE, text))
     runs: list[Run] = []
     end = 0
-    for match in _bold_spans(text):
+    # bold stretches, except asterisks that belong to a code span (``a**2 * b**2`` is an expression)
+    code = [match.span() for match in _CODE.finditer(text)]
+    hidden = list(text)
+    for start, stop in code:
+        hidden[start:stop] = "\ufffc" * (stop - start)
+    for match in _BOLD.finditer("".join(hidden)):
         runs += _code_runs(text[end : match.start()], bold=False)
         runs += _code_runs(text[match.start(1) : match.end(1)], bold=True)
         end = match.end()

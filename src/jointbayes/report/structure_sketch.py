@@ -133,11 +133,7 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         x, y = drawing.low + 0.02 * size
         axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
         axes.annotate(f"{1e3 * length:g} mm", (x + length / 2, y), xytext=(0, 9), **_style(_GREY))
-    _keep_apart(axes)
-
-
-def _keep_apart(axes: Axes) -> None:
-    """Move each label that lies on an earlier one to the first place around its point that is free."""
+    # Move each label that lies on an earlier one to the first place around its point that is free
     axes.apply_aspect()
     taken: list[tuple[Array, Array]] = []  # middle and half size of each label, points
     for label in (text for text in axes.texts if isinstance(text, Annotation) and text.get_text()):

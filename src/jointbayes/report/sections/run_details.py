@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jointbayes.identification import IterationHistory, missing_for_iteration
-from jointbayes.joint import Quantity
+from jointbayes.identification import missing_for_iteration
 from jointbayes.posterior import Posterior
 from jointbayes.posterior.verdicts import mode_agrees, mode_distance
 from jointbayes.report import drawing
@@ -28,46 +27,42 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
         text += f" {estimate.sentence}"
     blocks: list[Block] = [Paragraph(text)]
     if estimate.iteration is not None:
-        blocks += _iteration_blocks(estimate.iteration, posterior.problem.quantities, inputs.reference)
+        history, published = estimate.iteration, inputs.reference
+        fifth = history.stiffness_history[min(5, history.steps)]
+        norm, iterated = history.residual_norm, [posterior.problem.quantities[i] for i in history.iterated]
+        settled = ", ".join(
+            f"{q.name} {100 * abs(fifth[i] / history.stiffness[i] - 1):.1f} %"
+            for i, q in zip(history.iterated, iterated, strict=True)
+            if history.stiffness[i] != 0
+        )
+        name = "**The paper's iteration (Eqs. 3–9)**"
+        text = f"{' '.join(filter(None, (name, foreign(history.on_test), history.reason)))}. "
+        text += f"Step 5 differs from the last step by: {foreign(settled)}."
+        at, titles = list(history.iterated), [f"{q.name} ({q.unit})" for q in iterated]
+        printed = None if published is None else published[at]
+        named = listed_names([q.name for q in iterated])
+        if len(iterated) < len(posterior.problem.quantities):
+            text += " Quantities that do not act in that test stay at the first guess."
+        blocks += [
+            Paragraph(text),
+            Figure(
+                "iteration-norm",
+                "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
+                f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
+                drawing.draw_alone(drawing.draw_residual_norm, norm),
+            ),
+            Figure(
+                "iteration-stiffness",
+                "Stiffnesses over the iteration, as in the paper's Fig. 8.",
+                f"History of {named} over the iteration steps with the published values.",
+                drawing.in_rows(
+                    drawing.draw_histories, titles, history.stiffness_history[:, at], printed, **drawing.HISTORIES
+                ),
+            ),
+        ]
     elif missing := missing_for_iteration(posterior.problem):
         blocks.append(Paragraph(f"**Left out**: {foreign(missing)}."))
     return ReportSection("starts", "Starting points and the paper's iteration", tuple(blocks))
-
-
-def _iteration_blocks(
-    history: IterationHistory, quantities: tuple[Quantity, ...], published: Array | None
-) -> list[Block]:
-    norm, iterated = history.residual_norm, [quantities[i] for i in history.iterated]
-    settled = ", ".join(
-        f"{q.name} {100 * abs(history.stiffness_history[min(5, history.steps), i] / history.stiffness[i] - 1):.1f} %"
-        for i, q in zip(history.iterated, iterated, strict=True)
-        if history.stiffness[i] != 0
-    )
-    name = "**The paper's iteration (Eqs. 3–9)**"
-    text = f"{' '.join(filter(None, (name, foreign(history.on_test), history.reason)))}. "
-    text += f"Step 5 differs from the last step by: {foreign(settled)}."
-    at, titles = list(history.iterated), [f"{q.name} ({q.unit})" for q in iterated]
-    printed = None if published is None else published[at]
-    named = listed_names([q.name for q in iterated])
-    if len(iterated) < len(quantities):
-        text += " Quantities that do not act in that test stay at the first guess."
-    return [
-        Paragraph(text),
-        Figure(
-            "iteration-norm",
-            "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
-            f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
-            drawing.draw_alone(drawing.draw_residual_norm, norm),
-        ),
-        Figure(
-            "iteration-stiffness",
-            "Stiffnesses over the iteration, as in the paper's Fig. 8.",
-            f"History of {named} over the iteration steps with the published values.",
-            drawing.in_rows(
-                drawing.draw_histories, titles, history.stiffness_history[:, at], printed, **drawing.HISTORIES
-            ),
-        ),
-    ]
 
 
 def sampling_section(inputs: ReportInputs) -> ReportSection:

@@ -182,11 +182,7 @@ def _of_keywords(path: Path) -> tuple[list[int], list[list[float]], Indices | No
                 if not all(map(_NODE.fullmatch, words)):
                     raise fault(where, repr(text[:40]), "numbers of an element and its nodes", "correct the line")
                 blocks[-1][1].extend(map(int, words))
-    return nodes, places, _surface_edges(blocks)
-
-
-def _surface_edges(blocks: list[tuple[str, list[int]]]) -> Indices | None:
-    """Edges of faces that belong to one element only, shells and lines."""
+    # Edges of faces that belong to one element only, shells and lines
     faces: dict[tuple[int, ...], tuple[int, ...]] = {}
     count: Counter[tuple[int, ...]] = Counter()
     edges: set[tuple[int, int]] = set()
@@ -207,4 +203,4 @@ def _surface_edges(blocks: list[tuple[str, list[int]]]) -> Indices | None:
     for key, face in faces.items():
         if count[key] == 1:
             edges |= {(min(pair), max(pair)) for pair in pairwise((*face, face[0]))}
-    return np.array(sorted(edges), dtype=np.intp).reshape(-1, 2) if edges else None
+    return nodes, places, (np.array(sorted(edges), dtype=np.intp).reshape(-1, 2) if edges else None)
