@@ -42,6 +42,7 @@ _WHERE = (
     '# 3. Where were sensor and hammer? Node and direction of each: "11:y" is the end; "-11:y" if it points the\n'
     "#    other way. A channel that is not used may be taken out."
 )
+_BAND = "# From two lines above 0 Hz to where the anti-alias filter begins; shorten it to what the hammer excites."
 #: A band that begins so far below its first resonance holds the first mode: a clamped beam has its second at six times.
 _FIRST_MODE = 5.0
 #: What a channel of a file without units is called that is a force.
@@ -136,10 +137,8 @@ def propose_case(
                 case CoherenceRecord():
                     content.with_coherence += 1
                     content.averages.add(record.averages)
-    if content.pairs:
+    if content.pairs or content.histories:
         data = list(_frf_lines(names, content, layout, model))
-    elif content.histories:
-        data = list(_history_lines(names, content, layout, model))
     elif content.modes:
         data = list(_mode_lines(content.modes))
     else:
@@ -276,12 +275,6 @@ def _head(damping: str) -> Iterator[str]:
     yield 'joint.dofs = ["?"]'
 
 
-def _files(names: Sequence[str], layout: Mapping[str, str] | None) -> Iterator[str]:
-    yield f"file = {toml_value(names[0] if len(names) == 1 else list(names))}"
-    if layout:
-        yield f"layout = {toml_value(layout)}"
-
-
 def _channels(open_of: Mapping[str, set[str]], model: FirstModel | None) -> Iterator[str]:
     dofs = {label: model.dof(label) if model else "?" for label in open_of}
     if model and "?" not in dofs.values():
@@ -302,20 +295,32 @@ def _channels(open_of: Mapping[str, set[str]], model: FirstModel | None) -> Iter
 def _frf_lines(
     names: Sequence[str], content: _Content, layout: Mapping[str, str] | None, model: FirstModel | None
 ) -> Iterator[str]:
+    """The table of FRFs in files, or of time histories that FRFs are made of."""
     yield 'kind = "measured_frf"'
-    yield from _files(names, layout)
-    if content.no_quantity:
+    yield f"file = {toml_value(names[0] if len(names) == 1 else list(names))}"
+    yield from [f"layout = {toml_value(layout)}"] * bool(layout)
+    made, longest = not content.pairs, 0.0
+    if made:
+        for record in content.histories:
+            of_channel = {"unit"} if record.quantity == "unknown" else set()
+            content.channels.setdefault(record.channel, set()).update(of_channel)
+        rate = content.histories[0].sample_rate_hz
+        longest = max(record.values.size / record.sample_rate_hz for record in content.histories)
+        content.band = max(20.0, round(2 / longest, 3)), round(rate / 2.56, 3)
+        yield _BAND
+    elif content.no_quantity:
         yield 'quantity = "?"   # the file does not say it: receptance, mobility or accelerance'
-    if content.no_unit:
+    if not made and content.no_unit:
         yield '# The file states no unit, SI was taken: m/s² and N. Else { dof = "11:y", unit = "g" } for a channel.'
     yield f"f_min_hz = {float(content.band[0])}"
     yield f"f_max_hz = {float(content.band[1])}"
-    variance = list(_variance(content))
+    yield from _records(content, longest) if made else ()
     yield from _signs(content.frfs)
     yield from _channels(content.channels, model)
-    yield ""
-    yield "[data.variance]"
-    yield from variance
+    if not made or (content.frfs and content.frfs[0].coherence is None):
+        yield ""
+        yield "[data.variance]"
+        yield from _noise(content, "one hit") if made else _variance(content)
 
 
 def _variance(content: _Content) -> Iterator[str]:
@@ -348,28 +353,6 @@ def _noise(content: _Content, what: str = "file") -> Iterator[str]:
     yield f'source = "relative"   # {words}'
     yield f"relative = {relative:.2g}"
     yield f"floor = {floor:.2g}"
-
-
-def _history_lines(
-    names: Sequence[str], content: _Content, layout: Mapping[str, str] | None, model: FirstModel | None
-) -> Iterator[str]:
-    records = content.histories
-    for record in records:
-        content.channels.setdefault(record.channel, set()).update({"unit"} if record.quantity == "unknown" else set())
-    longest = max(record.values.size / record.sample_rate_hz for record in records)
-    content.band = max(20.0, round(2 / longest, 3)), round(records[0].sample_rate_hz / 2.56, 3)
-    yield 'kind = "measured_frf"'
-    yield from _files(names, layout)
-    yield "# From two lines above 0 Hz to where the anti-alias filter begins; shorten it to what the hammer excites."
-    yield f"f_min_hz = {content.band[0]}"
-    yield f"f_max_hz = {content.band[1]}"
-    yield from _records(content, longest)
-    yield from _signs(content.frfs)
-    yield from _channels(content.channels, model)
-    if content.frfs and content.frfs[0].coherence is None:
-        yield ""
-        yield "[data.variance]"
-        yield from _noise(content, "one hit")
 
 
 def _records(content: _Content, longest: float) -> Iterator[str]:

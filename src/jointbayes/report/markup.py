@@ -57,24 +57,26 @@ def coordinate_labels(problem: Problem) -> list[str]:
     return [axis.label for axis in axes] + [nuisance_label(name) for name in problem.names[len(axes) :]]
 
 
-def nuisance_label(name: str) -> str:
-    """Short label of an uncertain quantity for an axis; of one body or test with its name."""
+def _worded(name: str) -> tuple[str, str]:
+    """An uncertain quantity in a sentence and on an axis; of one body or test with its name."""
     owner, _, quantity = name.rpartition(".")
     if owner:
-        return f"{nuisance_label(quantity)} {owner}"
+        words, label = _worded(quantity)
+        return f"{words} of {owner}", f"{label} {owner}"
     if name.startswith("damping_ratio_"):
-        return f"ln ζ{name.rsplit('_', 1)[1]}"
-    return _WORDS.get(name, ("", f"ln {name}"))[1]
+        mode = name.rsplit("_", 1)[1]
+        return f"damping ratio of mode {mode}", f"ln ζ{mode}"
+    return _WORDS.get(name, (name, f"ln {name}"))
+
+
+def nuisance_label(name: str) -> str:
+    """Short label of an uncertain quantity for an axis."""
+    return _worded(name)[1]
 
 
 def readable(name: str) -> str:
-    """Name of an uncertain quantity in a sentence; of one body or test with its name."""
-    owner, _, quantity = name.rpartition(".")
-    if owner:
-        return f"{readable(quantity)} of {owner}"
-    if name.startswith("damping_ratio_"):
-        return f"damping ratio of mode {name.rsplit('_', 1)[1]}"
-    return _WORDS.get(name, (name, ""))[0]
+    """Name of an uncertain quantity in a sentence."""
+    return _worded(name)[0]
 
 
 def listed_names(names: Sequence[str]) -> str:
