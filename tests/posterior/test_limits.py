@@ -17,7 +17,7 @@ from jointbayes.posterior import Posterior, verdicts
 from jointbayes.posterior.identifiability import assess, with_test_alone
 from jointbayes.posterior.limits import FALL, LikelihoodRegion
 from jointbayes.posterior.verdicts import region_of
-from jointbayes.report.sections.intervals import verdict_sentences
+from jointbayes.report.sections.identifiable import verdict_sentences
 from jointbayes.rounding import quantity_text, with_interval
 from jointbayes.verdict_rule import RULE
 from tests.conftest import CONFIGS, PAIR, TO_CONVERGE, unsettled

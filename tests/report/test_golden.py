@@ -18,7 +18,7 @@ from jointbayes.posterior.sampled import BestDraw, recall
 from jointbayes.posterior.verdicts import mode_sentence
 from jointbayes.report import Report, ReportInputs, render_html
 from jointbayes.report.model import Table
-from jointbayes.report.sections.intervals import verdict_sentences
+from jointbayes.report.sections.identifiable import verdict_sentences
 from jointbayes.report.sections.lead import lead
 from tests.case.test_several_tests import BASE, TWO
 from tests.conftest import TABLE_3, cheap_text, of_case, plain_reports, unsettled

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jointbayes.case import plausibility
 from jointbayes.case.case_objects import (
     CaseHome,
     CaseTest,
@@ -29,13 +30,6 @@ from jointbayes.case.case_objects import (
 )
 from jointbayes.case.case_text import CaseText, InputWarning, case_text, read_case_text, texts_of_tests
 from jointbayes.case.parse import first_joined, needs_files, parse_tests
-from jointbayes.case.plausibility import (
-    excluded_truths,
-    input_warnings,
-    level_warnings,
-    numbering_warnings,
-    sign_warnings,
-)
 from jointbayes.case.spec.fields import DATA_FILE, show_key
 from jointbayes.case.spec.prior_tables import joint_table
 from jointbayes.case.spec.settings_tables import LeftOutSpec
@@ -134,17 +128,17 @@ class Case:
             specs = [(name, spec) for name, spec in specs if name in analysed]
         for (name, spec), problem in zip(specs, self.problem.parts, strict=False):
             measured = problem.test.data.shown_frfs or problem.test.data
-            warnings += input_warnings(spec, texts[name], measured.band_hz)
-            warnings += sign_warnings(measured.provenance, texts[name])
+            warnings += plausibility.input_warnings(spec, texts[name], measured.band_hz)
+            warnings += plausibility.sign_warnings(measured.provenance, texts[name])
             if not spec.bodies:  # of bodies that were measured alike the level may be off alike
-                warnings += level_warnings(_log_level(problem), "gain" in problem.names, texts[name])
+                warnings += plausibility.level_warnings(_log_level(problem), "gain" in problem.names, texts[name])
             if problem.test.data.shown_frfs is None:  # modes that FRFs show were numbered as the answer was decided
                 exact = "model" in problem.exact
                 doubt = find_numbering(problem, None if exact else problem.model_error or ErrorSizes())
                 above = find_above_rigid(problem)
-                warnings += numbering_warnings(doubt, above, texts[name], measured.provenance is not None)
+                warnings += plausibility.numbering_warnings(doubt, above, texts[name], measured.provenance is not None)
         for test in self.tests:  # by the prior that the text states: another may be put in its place to a purpose
-            found = excluded_truths(test.spec, prior_of([test])[0], test.source.test)
+            found = plausibility.excluded_truths(test.spec, prior_of([test])[0], test.source.test)
             warnings += test.source.warnings("truth", found)
         return tuple(dict.fromkeys(warnings))
 
@@ -417,7 +411,9 @@ def _told_of(source: CaseText, spec: CaseSpec) -> Iterator[Callable[[str], None]
             at = named
         place, path = source.place(at), source.written(at)
         key = show_key(path if at in source.places else path[:-1])
-        slips = () if isinstance(error, MeasurementError) else input_warnings(spec, source, spec.data.band_hz)
+        slips = (
+            () if isinstance(error, MeasurementError) else plausibility.input_warnings(spec, source, spec.data.band_hz)
+        )
         if slips:
             place, key = (slips[0].file, slips[0].line), slips[0].key
         message = str(error).removeprefix(f"{'.'.join(DATA_FILE)}: ")

@@ -17,19 +17,11 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
+from jointbayes.case.spec import structure_tables
 from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec, files_table
 from jointbayes.case.spec.fields import DataTable, KeyPath, metres
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
-from jointbayes.case.spec.structure_tables import (
-    ImportedSpec,
-    MatricesSpec,
-    Matrix,
-    ModalDampingSpec,
-    ModelDampingSpec,
-    PortSpec,
-    StructureBase,
-)
 from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, MeasurementError, ModelError
 from jointbayes.frf import (
@@ -41,21 +33,7 @@ from jointbayes.frf import (
     rigid_body_modes,
     synthesise_frf,
 )
-from jointbayes.inference import (
-    JointPrior,
-    Marginal,
-    NoiseModel,
-    Nuisance,
-    Problem,
-    Test,
-)
-from jointbayes.inference.default_prior import (
-    DEFAULT_DASHPOT_FACTORS,
-    DEFAULT_LOSS,
-    OwnStiffness,
-    default_marginal,
-    own_stiffnesses,
-)
+from jointbayes.inference import JointPrior, Marginal, NoiseModel, Nuisance, Problem, Test, default_prior
 from jointbayes.inference.noise.base import NoiseChoice
 from jointbayes.joint import COUPLED, RIGID, AnyJoint, Parametrisation, blocks_of, joints_of
 from jointbayes.joint.quantities import prefixed
@@ -123,7 +101,9 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
     )
 
 
-def recipe_of(spec: StructureBase, data: DataTable, measurement: Data | None = None) -> StructureRecipe:
+def recipe_of(
+    spec: structure_tables.StructureBase, data: DataTable, measurement: Data | None = None
+) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
     if files_table(data) is None:
         return spec.recipe(data.loaded)
@@ -200,7 +180,7 @@ def true_family(spec: CaseSpec) -> Body:
     keys = {"youngs_modulus_gpa", "density_kg_m3", "length_mm", "accelerometer_mass_g"}
     stated: dict[str, object] = {key: getattr(truth, key) for key in keys & type(structure).model_fields.keys()}
     if truth.damping_ratio is not None:
-        stated["damping"] = ModalDampingSpec(law="modal", ratio=truth.damping_ratio)
+        stated["damping"] = structure_tables.ModalDampingSpec(law="modal", ratio=truth.damping_ratio)
     changed = {key: value for key, value in stated.items() if value is not None}
     return family_of_recipe(recipe_of(structure.model_copy(update=changed), spec.data))
 
@@ -334,7 +314,7 @@ def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
         If a file lies outside, cannot be read, or holds no square, symmetric matrix of the right size: file and key.
     """
     structure, read = spec.structure, dict[str, object]()
-    if not isinstance(structure, MatricesSpec):
+    if not isinstance(structure, structure_tables.MatricesSpec):
         return spec
     for loc, name in structure.matrices.items():
         if isinstance(name, str):
@@ -353,7 +333,7 @@ def read_matrices(spec: CaseSpec, home: CaseHome) -> CaseSpec:
     return spec.model_copy(update={"structure": whole})
 
 
-def _matrix(file: Path) -> Matrix:
+def _matrix(file: Path) -> structure_tables.Matrix:
     """Matrix of a .npy or .csv file."""
     kinds = (".npy", ".csv")
     if file.suffix.lower() not in kinds:
@@ -452,9 +432,11 @@ def prior_of(tests: Sequence[CaseTest]) -> tuple[JointPrior, Array]:
                 extent, priors = test.recipe.extent, test.spec.priors_of(name)
                 stated = {axis.name: getattr(priors, axis.name, None) for axis in joint.coordinates}
                 all_stated = None not in stated.values()
-                sizes = own_stiffnesses(sides, joint.quantities, body, test.data, softest=not all_stated)
+                sizes = default_prior.own_stiffnesses(sides, joint.quantities, body, test.data, softest=not all_stated)
                 of_joint = [
-                    default_marginal(axis, sizes, extent) if (prior := stated[axis.name]) is None else prior.marginal()
+                    default_prior.default_marginal(axis, sizes, extent)
+                    if (prior := stated[axis.name]) is None
+                    else prior.marginal()
                     for axis in joint.coordinates
                 ]
                 marginals += of_joint
@@ -507,7 +489,7 @@ def problem_of(case_tests: Sequence[CaseTest], name: str) -> Problem:
     return Problem(tests, prior, guess, name=name, left_out=left_out, exact=dict.fromkeys(exact), model_error=sizes)
 
 
-def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Sequence[Marginal]) -> Array:
+def guess_of(joint: JointSpec, sizes: Mapping[str, default_prior.OwnStiffness], marginals: Sequence[Marginal]) -> Array:
     """First guess of the quantities of a joint, (q,): as stated, or of a coupled pair a translational spring alone.
 
     Joints of other kinds begin far stiffer than the structure; those between measured bodies in the middle of their
@@ -523,7 +505,7 @@ def guess_of(joint: JointSpec, sizes: Mapping[str, OwnStiffness], marginals: Seq
         springs = [sizes[q.name].size if q in yielding and not q.may_be_negative else 0.0 for q in joint.stiffnesses]
         guess = DEFAULT_GUESS_FACTOR * np.array(springs)
     damping = [
-        math.sqrt(math.prod(DEFAULT_LOSS if q.unit == "1" else DEFAULT_DASHPOT_FACTORS))
+        math.sqrt(math.prod(default_prior.DEFAULT_LOSS if q.unit == "1" else default_prior.DEFAULT_DASHPOT_FACTORS))
         * (1.0 if q.unit == "1" else sizes[q.name].size)
         for q in joint.damping
     ]
@@ -622,7 +604,7 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
         If one cannot be read, or the model cannot be reduced: by which key of the structure.
     """
     structure = spec.structure
-    assert isinstance(structure, ImportedSpec)
+    assert isinstance(structure, structure_tables.ImportedSpec)
     files: list[tuple[tuple[str, ...], _Stamp]] = []
     for key, name in structure.file_keys.items():
         home.require_inside(("structure", *key), [name])
@@ -647,7 +629,7 @@ def reduce_imported(spec: CaseSpec, home: CaseHome, dofs: Iterable[str], top_hz:
     ends = {n: tuple(np.exp(r).tolist()) for n, r in quantities.items() if n.rpartition(".")[0] in beside.parts}
     held = ((node, way) for node, _, way in (support.rpartition(":") for support in structure.supports))
     supports = tuple((points.get(node) or int(node), way) for node, way in held)
-    own_damping = isinstance(structure.damping, ModelDampingSpec)
+    own_damping = isinstance(structure.damping, structure_tables.ModelDampingSpec)
     recipe = _reduced(
         stamps, structure.length_unit, bodies, tuple(ports.items()), top_hz, tuple(ends.items()), supports, own_damping
     )
@@ -696,7 +678,7 @@ def _part(model: FeModel, part: FeModel, bending: FeModel | None, name: str) -> 
     return FePart(stiffness - bent, mass, bent)
 
 
-def _port(spec: PortSpec, model: FeModel, name: str) -> Port:
+def _port(spec: structure_tables.PortSpec, model: FeModel, name: str) -> Port:
     nodes: tuple[int, ...] = (spec.node,) if spec.node is not None else spec.nodes
     if spec.box_mm is not None:
         corners = np.sort([metres(corner) for corner in spec.box_mm], axis=0)

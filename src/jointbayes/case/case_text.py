@@ -15,14 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from jointbayes.case.spec.fields import Finding, rename_files, show_key
-from jointbayes.case.toml_text import (
-    KeyPath,
-    fault_line,
-    key_lines,
-    parse_toml,
-    read_text,
-    toml_text,
-)
+from jointbayes.case.toml_text import KeyPath, fault_line, key_lines, parse_toml, read_text, toml_text
 from jointbayes.errors import CaseError, similar
 from vibrecords.errors import printable
 

@@ -222,11 +222,7 @@ _QUESTIONS: tuple[tuple[tuple[str, ...], str, Callable[[str], str]], ...] = (
     ),
     (('joint.dofs = ["?"]',), "Where is the joint? 1 is one end of the beam, 11 the other, 1 11 both", _clamps),
     (('length_unit = "?"',), "Unit of length of the model's files: m, mm, in or ft", _unit),
-    (
-        ('box_mm = "?"', 'node = "?"'),
-        "Where is the joint? A node, or two corners of a box in mm: x y z x y z",
-        _face,
-    ),
+    (('box_mm = "?"', 'node = "?"'), "Where is the joint? A node, or two corners of a box in mm: x y z x y z", _face),
 )
 
 

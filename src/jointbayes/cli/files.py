@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from jointbayes.cli import common
+from jointbayes.cli.common import force_option, require_free
 from jointbayes.cli.output import fail, manner, print_json, say, warn
 from jointbayes.cli.progress_display import show_stage
-from jointbayes.cli.targets import force_option, require_free
 from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 

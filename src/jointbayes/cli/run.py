@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from jointbayes.cli import common
+from jointbayes.cli.common import force_option, require_free, require_outside
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import say_stages, show_progress, show_stage
-from jointbayes.cli.targets import force_option, require_free, require_outside
 from jointbayes.errors import CaseError
 from jointbayes.progress import Progress
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jointbayes.cli import common
+from jointbayes.cli.common import require_outside
 from jointbayes.cli.output import manner, open_option, report_written, say
 from jointbayes.cli.progress_display import show_progress, show_stage
-from jointbayes.cli.targets import require_outside
 from jointbayes.errors import CaseError, WorkerError
 from jointbayes.progress import Progress
 

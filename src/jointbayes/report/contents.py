@@ -11,8 +11,13 @@ from jointbayes.report.methods import methods_section, rules_of, terms_section
 from jointbayes.report.model import Block, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.pdf import share_pages
 from jointbayes.report.sections.fit_to_data import check_section, fit_section, left_out_section
-from jointbayes.report.sections.identifiable import knowledge_section, likelihood_section
-from jointbayes.report.sections.intervals import nuisance_section, numbers_section, posterior_section
+from jointbayes.report.sections.identifiable import (
+    knowledge_section,
+    likelihood_section,
+    nuisance_section,
+    numbers_section,
+    posterior_section,
+)
 from jointbayes.report.sections.lead import answer_section, lead, worst_test
 from jointbayes.report.sections.measured_data import (
     case_warnings_section,

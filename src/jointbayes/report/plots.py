@@ -22,7 +22,7 @@ from jointbayes.posterior.verdicts import region_of
 from jointbayes.report import drawing
 from jointbayes.report.drawing import AxesArray
 from jointbayes.report.sections.fit_to_data import frf_curves, frf_unit
-from jointbayes.report.sections.intervals import corner_values
+from jointbayes.report.sections.identifiable import corner_values
 from jointbayes.report.sections.natural_frequencies import compared_modes, frequency_values, shape_values
 from jointbayes.report.sections.run_details import chain_values
 from jointbayes.rounding import quantity_text

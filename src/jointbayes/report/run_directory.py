@@ -199,10 +199,7 @@ def write_report(
 
 
 def write_run(
-    posterior: Posterior,
-    target: Path,
-    progress: ProgressCallback = tell_nobody,
-    inputs: ReportInputs | None = None,
+    posterior: Posterior, target: Path, progress: ProgressCallback = tell_nobody, inputs: ReportInputs | None = None
 ) -> Path:
     """Write a run directory, without a copy of the draws elsewhere until it is there.
 

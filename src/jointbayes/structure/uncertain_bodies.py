@@ -14,6 +14,7 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 
 from jointbayes.errors import ModelError
+from jointbayes.structure import shape_modes
 from jointbayes.structure.body import MOST_HELD, Discretisation, Forced, FreeModes
 from jointbayes.structure.frame_element import BodyFactors
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameMesh, FrameRecipe, MemberRecipe
@@ -21,21 +22,11 @@ from jointbayes.structure.given_matrices import MatrixFamily, MatrixRecipe
 from jointbayes.structure.imported.imported_body import ImportedFamily, ImportedRecipe
 from jointbayes.structure.matrices import ConstantModes, Structure
 from jointbayes.structure.recipe import UncertainBody, is_hashable
-from jointbayes.structure.shape_modes import (
-    ModesOverShape,
-    Parts,
-    Powers,
-    ends_of,
-    modes_over_shape,
-    parts_of,
-    rising,
-    shape_numbers,
-)
 from vibrecords.arrays import Array
 
 _SHORTEST = 0.1  # of a beam's length must be left
 #: Powers in which quantities of a body change each of its shape numbers.
-_POWERS: dict[str, Powers] = {
+_POWERS: dict[str, shape_modes.Powers] = {
     "section_size": {"section_size": 1.0, "length": -1.0},
     "shear_coefficient": {"shear_coefficient": 1.0},
     # masses beside that of the body of nominal section, ρ L³
@@ -53,22 +44,22 @@ _TRIES = 60
 class _ScaledModes:
     """Modes of a body at all factors from those over its shape numbers, by similarity."""
 
-    modes: ModesOverShape
-    parts: Parts
-    axes: Mapping[str, Powers]
+    modes: shape_modes.ModesOverShape
+    parts: shape_modes.Parts
+    axes: Mapping[str, shape_modes.Powers]
     #: Factor on one of the body's quantities, shape (n,), from those on the family's, shape (n, q).
     factor: Callable[[Array, str], Array]
 
     def __call__(self, factors: Array) -> tuple[Array, Array]:
         """Eigenvalues (n, m) and motions (n, k, m) at factors (n, q)."""
         of_quantity = cache(partial(self.factor, factors))
-        eigenvalues, motions = self.modes(shape_numbers(self.axes.values(), of_quantity, len(factors)))
+        eigenvalues, motions = self.modes(shape_modes.shape_numbers(self.axes.values(), of_quantity, len(factors)))
         # the body of the table, made longer and thicker alike
         stiffness, density, size = map(of_quantity, ("youngs_modulus", "density", "length"))
         eigenvalues = eigenvalues * (stiffness / (density * size**2))[:, None]
         unit = 1 / np.sqrt(density * size**3)
         scale = np.where(self.parts.turned, (unit / size)[:, None], unit[:, None])
-        eigenvalues, motions = rising(eigenvalues, motions * scale[:, :, None])
+        eigenvalues, motions = shape_modes.rising(eigenvalues, motions * scale[:, :, None])
         return eigenvalues, self.parts.joined(motions)
 
 
@@ -83,7 +74,9 @@ class _BodiesModes:
         modes = [body(factors) for body in self.bodies]
         if len(modes) == 1:
             return modes[0]
-        return rising(np.concatenate([e for e, _ in modes], axis=1), np.concatenate([m for _, m in modes], axis=2))
+        return shape_modes.rising(
+            np.concatenate([e for e, _ in modes], axis=1), np.concatenate([m for _, m in modes], axis=2)
+        )
 
 
 @lru_cache(maxsize=64)
@@ -230,7 +223,7 @@ class _Body:
         return low < high
 
     @cached_property
-    def _axes(self) -> dict[str, Powers]:
+    def _axes(self) -> dict[str, shape_modes.Powers]:
         """Shape numbers that uncertain quantities change, each with the powers in which they do."""
         _, body = self._recipe.bodies[self.number]
         loaded = self._recipe.accelerometer_mass > 0 and bool(self._recipe.loaded_points(self.number))
@@ -249,12 +242,12 @@ class _Body:
         """Its modes at all factors with its part of motions (DOFs, k)."""
         family, rows = self.family, self.family.body_dofs[self.number]
         moved = motions[rows]
-        parts = Parts(moved, forced, np.zeros(moved.shape[1], dtype=bool), np.arange(moved.shape[1]))
+        parts = shape_modes.Parts(moved, forced, np.zeros(moved.shape[1], dtype=bool), np.arange(moved.shape[1]))
         if self._uncertain("length"):  # rotations are scaled by another factor than translations
-            parts = parts_of(family.nominal.dofs[rows], moved, forced)
+            parts = shape_modes.parts_of(family.nominal.dofs[rows], moved, forced)
         nominal = self.structure_at([0.0] * len(self._axes)).modes()
-        ends, reach = ends_of(self._axes.values(), self._range), family.reach_of_modes_hz
-        modes = modes_over_shape(self.structure_at, nominal, ends, parts.motions, parts.forced, reach)
+        ends, reach = shape_modes.ends_of(self._axes.values(), self._range), family.reach_of_modes_hz
+        modes = shape_modes.modes_over_shape(self.structure_at, nominal, ends, parts.motions, parts.forced, reach)
         return _ScaledModes(modes, parts, self._axes, partial(family.body_factor, self.number))
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:

@@ -379,8 +379,7 @@ class UncertainSpec(Spec):
     density: FactorPriorSpec | None = _uncertain("the density", default=None)
     length: LengthPriorSpec | None = _uncertain("the length of the beam", default=None)
     length_offset: OffsetPriorSpec | None = table_field(
-        "the prior of what is added to the length where a joint acts: sd_mm, or low_mm and high_mm",
-        None,
+        "the prior of what is added to the length where a joint acts: sd_mm, or low_mm and high_mm", None
     )
     section_size: FactorPriorSpec | None = _uncertain("one factor on all dimensions of the section", default=None)
     shear_coefficient: FactorPriorSpec | None = _uncertain("the shear coefficient", default=None)

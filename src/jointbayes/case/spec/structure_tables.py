@@ -805,9 +805,7 @@ class ImportedSpec(StructureBase):
     ports: dict[Word, PortSpec] = table_field("a table for each port, as [structure.ports.tip]", {}, max_length=1000)
     parts: dict[Word, PartSpec] = table_field("a table for each part that may be uncertain", {}, max_length=100)
     bodies: dict[Word, BesideSpec] = table_field(
-        "a table for each body of beams beside the model, as [structure.bodies.tool]",
-        {},
-        max_length=100,
+        "a table for each body of beams beside the model, as [structure.bodies.tool]", {}, max_length=100
     )
     damping: Annotated[LAWS | ModelDampingSpec, DAMPING]
 

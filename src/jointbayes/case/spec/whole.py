@@ -16,16 +16,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field
 
-from jointbayes.case.spec.data_table import (
-    DataSpec,
-    MeasuredBodySpec,
-    MeasuredFrequenciesSpec,
-    MeasuredFrfSpec,
-    MeasuredSpec,
-    SyntheticFrfSpec,
-    files_table,
-    synthetic_table,
-)
+from jointbayes.case.spec import data_table
+from jointbayes.case.spec import settings_tables as settings
 from jointbayes.case.spec.fields import (
     JOINED,
     Finding,
@@ -47,18 +39,6 @@ from jointbayes.case.spec.prior_tables import (
     joint_table,
     prior_table,
     quantity_table,
-)
-from jointbayes.case.spec.settings_tables import (
-    AboutSpec,
-    CompareSpec,
-    IdentificationSpec,
-    LeftOutSpec,
-    NoiseModelSpec,
-    PredictSpec,
-    ReferenceSpec,
-    SamplingSpec,
-    TestSpec,
-    VerdictSpec,
 )
 from jointbayes.case.spec.structure_tables import (
     BeamSpec,
@@ -105,30 +85,40 @@ class CaseSpec(Spec):
 
     extends: Annotated[str, _EXTENDS] = ""
     title: Annotated[str, _TITLE] = ""
-    about: AboutSpec = table_field("what was tested: specimen, date, operator, instruments", AboutSpec())
-    tests: dict[Name, TestSpec] = table_field("several tests of the same joints, a table for each, as [tests.long]", {})
+    about: settings.AboutSpec = table_field(
+        "what was tested: specimen, date, operator, instruments", settings.AboutSpec()
+    )
+    tests: dict[Name, settings.TestSpec] = table_field(
+        "several tests of the same joints, a table for each, as [tests.long]", {}
+    )
     structure: StructureSpec
     joined: Annotated[bool, JOINED] = True
     joint: JointSpec | None = table_field("the joint: dofs, initial", None)
     joints: dict[Name, NamedJointSpec] = table_field(
         "several joints, a table for each by its name, as [joints.left]", {}
     )
-    bodies: dict[Word, MeasuredBodySpec] = table_field(
+    bodies: dict[Word, data_table.MeasuredBodySpec] = table_field(
         "bodies given by their measured FRFs, a table for each by its name, as [bodies.spindle]", {}
     )
     prior: PriorsSpec | None = table_field("a table for the prior of each parameter, as [prior.k11]", None)
     uncertain: UncertainSpec = table_field(
         "a table for each uncertain quantity, as [uncertain.length]", UncertainSpec()
     )
-    data: DataSpec
-    noise: NoiseModelSpec = table_field("how residuals are judged", NoiseModelSpec())
-    left_out: LeftOutSpec = table_field("data that are left out: modes, bands_hz, tests", LeftOutSpec())
-    identification: IdentificationSpec = table_field("settings of the iteration", IdentificationSpec())
-    sampling: SamplingSpec = table_field("settings of the sampler", SamplingSpec())
-    compare: CompareSpec = table_field("the hypotheses to compare", CompareSpec())
-    predict: PredictSpec | None = table_field("what `predict` is to compute of this structure: DOFs and lines", None)
-    reference: ReferenceSpec | None = table_field("published values to compare with", None)
-    verdict: dict[str, VerdictSpec] = table_field(
+    data: data_table.DataSpec
+    noise: settings.NoiseModelSpec = table_field("how residuals are judged", settings.NoiseModelSpec())
+    left_out: settings.LeftOutSpec = table_field(
+        "data that are left out: modes, bands_hz, tests", settings.LeftOutSpec()
+    )
+    identification: settings.IdentificationSpec = table_field(
+        "settings of the iteration", settings.IdentificationSpec()
+    )
+    sampling: settings.SamplingSpec = table_field("settings of the sampler", settings.SamplingSpec())
+    compare: settings.CompareSpec = table_field("the hypotheses to compare", settings.CompareSpec())
+    predict: settings.PredictSpec | None = table_field(
+        "what `predict` is to compute of this structure: DOFs and lines", None
+    )
+    reference: settings.ReferenceSpec | None = table_field("published values to compare with", None)
+    verdict: dict[str, settings.VerdictSpec] = table_field(
         "thresholds of verdicts, a table for a stiffness, as [verdict.k22]", {}
     )
 
@@ -140,14 +130,14 @@ class CaseSpec(Spec):
         return dict(self.joints) if self.joint is None else {"": self.joint}
 
     @property
-    def synthetic(self) -> SyntheticFrfSpec | None:
+    def synthetic(self) -> data_table.SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return synthetic_table(self.data)
+        return data_table.synthetic_table(self.data)
 
     @property
-    def files(self) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
+    def files(self) -> data_table.MeasuredFrfSpec | data_table.MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
-        return files_table(self.data)
+        return data_table.files_table(self.data)
 
     @property
     def measured_labels(self) -> frozenset[str]:
@@ -265,7 +255,7 @@ def _immovable_dofs(case: CaseSpec, labelled: Mapping[KeyPath, Sequence[str]]) -
             yield Finding((*loc, i), fault, "a DOF that can move", "choose another or free this one")
 
 
-def _channel_findings(structure: StructureBase, data: MeasuredSpec) -> Iterator[Finding]:
+def _channel_findings(structure: StructureBase, data: data_table.MeasuredSpec) -> Iterator[Finding]:
     """Yield masses that are counted twice or at a rotation, and rotations of a structure without such points."""
     for name, channel in data.channels.items():
         loc = ("data", "channels", name)

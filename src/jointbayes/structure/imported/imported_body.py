@@ -254,13 +254,7 @@ class ImportedRecipe(Recipe):
                 mass = mass + grown[2] * part.mass
         stiffness, mass = (named.get(q, 1.0) * matrix for q, matrix in zip(_WHOLE, (stiffness, mass), strict=True))
         bare = ReducedStructure(
-            stiffness,
-            mass,
-            self.damping.scaled(named),
-            self.dofs,
-            self.positions,
-            motions=of.motions,
-            rigid=of.rigid,
+            stiffness, mass, self.damping.scaled(named), self.dofs, self.positions, motions=of.motions, rigid=of.rigid
         )
         return bare.loaded(self.accelerometer_dofs, self.load(named))
 

@@ -11,33 +11,20 @@ import numpy as np
 from scipy import sparse
 
 from jointbayes.errors import ModelError, require
+from jointbayes.structure.imported import text_matrices
 from jointbayes.structure.imported.axes import require_own_axes
 from jointbayes.structure.imported.entries import MOST_DOFS, MOST_WAYS, Entries, Exported, fault
 from jointbayes.structure.imported.fe_model import FeModel, Sparse
 from jointbayes.structure.imported.mesh import read_map, read_nodes
 from jointbayes.structure.imported.named_arrays import read_named_arrays
 from jointbayes.structure.imported.nastran import read_assembly, read_dmig, read_op4
-from jointbayes.structure.imported.text_matrices import (
-    read_abaqus,
-    read_calculix,
-    read_dof_file,
-    read_harwell_boeing,
-    read_mapping,
-    read_matrix_market,
-    read_substructure,
-)
 from vibrecords.arrays import Array, Indices
 from vibrecords.errors import MeasurementError
 from vibrecords.records import MOST_BYTES
 
 PathLike = str | Path
 #: Length in m and energy in J of a consistent system of units: m-kg-s, mm-t-s, in-lbf-s, ft-lbf-s.
-UNITS = {
-    "m": (1.0, 1.0),
-    "mm": (1e-3, 1e-3),
-    "in": (0.0254, 0.112984829027616),
-    "ft": (0.3048, 1.3558179483314004),
-}
+UNITS = {"m": (1.0, 1.0), "mm": (1e-3, 1e-3), "in": (0.0254, 0.112984829027616), "ft": (0.3048, 1.3558179483314004)}
 #: Entries are below this, so that no product of two overflows.
 _LARGEST = 1e100
 #: Abaqus writes this on the diagonal of a DOF that is held.
@@ -112,7 +99,7 @@ def read_structure(
             )
     given_map = dofs or (_beside(main, "dofs") if exported.dofs is None else None)
     kind = Path(given_map).suffix.lower() if given_map else ""
-    of_kind = {".dof": read_dof_file, ".mapping": read_mapping}.get(kind, read_map)
+    of_kind = {".dof": text_matrices.read_dof_file, ".mapping": text_matrices.read_mapping}.get(kind, read_map)
     of_map = read_assembly if kind == ".asm" else lambda path: Exported(dofs=of_kind(path))
     mapped = exported if given_map is None else _read(Path(given_map), of_map)
     whole, rows = _whole_matrices(sources, matrices, mapped.dofs, given_map)
@@ -318,7 +305,7 @@ def _matrices(path: Path) -> Exported:
     if head.startswith(b"MATLAB 5.0"):
         return read_named_arrays(path, "mat")
     if head[:14].lower() == b"%%matrixmarket":
-        return read_matrix_market(path)
+        return text_matrices.read_matrix_market(path)
     is_op4 = re.match(rb"\s*\d+\s+-?\d+\s+\d+\s+\d+\s*\w+\s+1P", head) or (
         len(head) > 24 and {int.from_bytes(head[:4], order) for order in ("little", "big")} & {24, 48}
     )
@@ -327,13 +314,13 @@ def _matrices(path: Path) -> Exported:
     if text and (suffix == ".pch" or re.search(rb"(?m)^DMIG", head)):
         return read_dmig(path)
     if text and len(lines) > 3 and re.match(r"[RCP][SUHZR][AE] ", lines[2].upper()):
-        return read_harwell_boeing(path)
+        return text_matrices.read_harwell_boeing(path)
     if text and re.search(rb"(?im)^\*USER ELEMENT", head):
-        return read_substructure(path)
+        return text_matrices.read_substructure(path)
     if text and suffix in (".sti", ".mas"):
-        return read_calculix(path)
+        return text_matrices.read_calculix(path)
     if text and re.match(rb"(\s*\*\*.*\n)*\s*-?\d+[\s,]+-?\d", head):
-        return read_abaqus(path)
+        return text_matrices.read_abaqus(path)
     expected = "npz, MATLAB, Matrix Market, OP4, DMIG, Harwell-Boeing, or text of Abaqus or CalculiX"
     raise fault(path, "no matrices of a known kind", expected, "export K and M in one of them")
 
