@@ -1,4 +1,4 @@
-"""What several commands share: reading a case, drawing, what is printed of a posterior, exit codes, what is written over."""
+"""What several commands share: reading a case, drawing, printing a posterior, exit codes, and what is written over."""
 
 import math
 import sys

@@ -1,12 +1,14 @@
 """What every section of a report is written from."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 from jointbayes.inference import Problem
-from jointbayes.posterior import Knowledge, Posterior, gather_knowledge
+from jointbayes.posterior import Knowledge, Posterior, PredictiveCheck, gather_knowledge
 from jointbayes.posterior.summary import Summary, TestSummary, specimen_line
 from jointbayes.report.markup import foreign
+from jointbayes.rounding import told_apart
 from vibrecords.arrays import Array
 
 
@@ -96,3 +98,13 @@ class ReportInputs:
     def reference_source(self) -> str:
         """Where the published stiffnesses are from; empty without any."""
         return "" if self.posterior.case is None else foreign(self.posterior.case.reference_source)
+
+
+def explained(check: PredictiveCheck, of_tests: str = "") -> str:
+    """Whether the model explains the data, after "the model", with residuals next to those that noise alone gives."""
+    size, low, high = told_apart(*map(math.sqrt, (check.chi2_per_line, *check.chi2_band)))
+    overstated = ", with noise stated too large" * (check.level in ("below", "far below"))
+    pattern = ", in a pattern along frequency" if check.pattern == "correlated" and not check.explains else ""
+    verb = "explains" if check.explains else "does not explain"
+    said = f"{verb} the {check.of}{of_tests}{overstated}."
+    return f"{said} Residuals are {size} times the noise{pattern}; noise alone gives {low} to {high}."

@@ -14,7 +14,7 @@ from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.report import drawing
 from jointbayes.report.canvas import extremes
-from jointbayes.report.inputs import ReportInputs, TestInputs, computed_from
+from jointbayes.report.inputs import ReportInputs, TestInputs, computed_from, explained
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import (
     SERIES_COLOURS,
@@ -29,7 +29,6 @@ from jointbayes.report.model import (
     Series,
     Table,
 )
-from jointbayes.report.sections.lead import explained
 from jointbayes.rounding import interval, number
 from vibrecords import FrfData, FrfSet, Quantity
 from vibrecords.arrays import Array, Indices

@@ -9,7 +9,6 @@ import numpy as np
 
 from jointbayes.inference import Problem, Test
 from jointbayes.phrases import NO_VERDICT_NO_USE, WORKSHOP, Reason, listed, taken_as_exact
-from jointbayes.posterior import PredictiveCheck
 from jointbayes.posterior.compared_frfs import sentences_of_faults
 from jointbayes.posterior.decision import unseen_inputs
 from jointbayes.posterior.identifiability import LIMIT_NOTE, RANK, Verdict, ratio_of
@@ -17,11 +16,11 @@ from jointbayes.posterior.knowledge import quantities_taken_as_exact, uncertain_
 from jointbayes.posterior.prediction import sentence_of_left_out
 from jointbayes.posterior.summary import OF_A_TEST, Summary, TestSummary
 from jointbayes.posterior.verdicts import default_priors, describe_solutions, mode_agrees, mode_distance
-from jointbayes.report.inputs import ReportInputs
+from jointbayes.report.inputs import ReportInputs, explained
 from jointbayes.report.markup import foreign, kind_of, listed_names, readable
 from jointbayes.report.model import Block, Callout, Figure, Kind, Light, Lights, Paragraph, ReportSection, Table
 from jointbayes.report.structure_sketch import dof_words, sketch
-from jointbayes.rounding import number, percent, sentence_start, told_apart
+from jointbayes.rounding import number, percent, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
 from jointbayes.structure.imported import ImportedRecipe
 from vibrecords import FrfData
@@ -96,16 +95,6 @@ def _model(inputs: ReportInputs) -> tuple[str, str]:
 def worst_test(summary: Summary) -> TestSummary:
     """The test that the model explains worst."""
     return min(summary.tests.values(), key=lambda test: test.check.smallest_p_value)
-
-
-def explained(check: PredictiveCheck, of_tests: str = "") -> str:
-    """Whether the model explains the data, after "the model", with residuals next to those that noise alone gives."""
-    size, low, high = told_apart(*map(math.sqrt, (check.chi2_per_line, *check.chi2_band)))
-    overstated = ", with noise stated too large" * (check.level in ("below", "far below"))
-    pattern = ", in a pattern along frequency" if check.pattern == "correlated" and not check.explains else ""
-    verb = "explains" if check.explains else "does not explain"
-    said = f"{verb} the {check.of}{of_tests}{overstated}."
-    return f"{said} Residuals are {size} times the noise{pattern}; noise alone gives {low} to {high}."
 
 
 def _data(inputs: ReportInputs) -> tuple[str, str]:

@@ -10,11 +10,10 @@ from scipy import sparse
 
 from jointbayes.errors import ModelError
 from jointbayes.structure.damping import require_symmetric
-from jointbayes.structure.frame import SPATIAL
 from vibrecords.arrays import Array, Indices
 
 #: Directions by their numbers in Nastran, Abaqus, Ansys and CalculiX, 1 to 6.
-DIRECTIONS = SPATIAL
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 
 #: A sparse matrix by columns, shape (n, n): `scipy.sparse.csc_array`.
 Sparse = Any
