@@ -18,7 +18,7 @@ from scipy import sparse
 
 from jointbayes.case.case_text import CaseText, find_outside
 from jointbayes.case.spec import structure_tables
-from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec, files_table
+from jointbayes.case.spec.data_table import MeasuredSpec, SyntheticFrfSpec
 from jointbayes.case.spec.fields import DataTable, KeyPath, metres
 from jointbayes.case.spec.prior_tables import FactorPriorSpec, JointSpec
 from jointbayes.case.spec.settings_tables import LeftOutSpec
@@ -105,7 +105,7 @@ def recipe_of(
     spec: structure_tables.StructureBase, data: DataTable, measurement: Data | None = None
 ) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    if files_table(data) is None:
+    if not isinstance(data, MeasuredSpec):
         return spec.recipe(data.loaded)
     loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
     return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))

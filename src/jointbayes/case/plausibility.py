@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from jointbayes.case.case_text import CaseText, InputWarning
-from jointbayes.case.spec.fields import Finding, numbers_in, other_units
+from jointbayes.case.spec.fields import Finding, entries_of, other_units
 from jointbayes.case.spec.structure_tables import BeamSpec, FrameSpec, StructureBase
 from jointbayes.case.spec.whole import CaseSpec
 
@@ -76,7 +76,7 @@ def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] 
 
 def _fractions(data: Mapping[str, object]) -> Iterator[Finding]:
     """Yield fractions that may be given in per cent, and percentages that may be fractions, at any depth."""
-    for path, number in numbers_in(data):
+    for path, number in entries_of(float | int, data):
         place = tuple(key for key in path if isinstance(key, str))
         *_, table, key = ("", *place)
         limit, whole = LARGEST_FRACTION.get(key, (math.inf, ""))

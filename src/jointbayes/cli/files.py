@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -180,29 +180,14 @@ def _understood(case: "Case") -> list[str]:
     """What a case says, line by line: structure, joints, data and noise of each test; unknowns."""
     import numpy as np
 
-    from jointbayes.phrases import listed
     from jointbayes.posterior.summary import specimen_line
     from jointbayes.rounding import number
-    from jointbayes.structure.recipe import is_damping_ratio
 
     rows = [line for line in (specimen_line(case.about),) if line]
     for test in case.problem.tests:
         materials = _materials(test)
         rows += [f"test: {test.name}"] if test.name else []
-        # what the structure is, its damping, its measured bodies and what is uncertain
-        body, recipe = test.structures, getattr(test.structures, "recipe", None)
-        parts = [f"{body.n_dofs} DOFs" if recipe is None else recipe.what]
-        parts = [f"beam {parts[0]}", *materials] if getattr(recipe, "kind", "") == "beam" else parts
-        parts.append(_kind_in_words((recipe or body).damping).lower())
-        for measured in test.measured_bodies:
-            f = measured.frequency_hz
-            parts.append(f"{measured.name}: {', '.join(measured.dofs)}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz")
-        ratios = [name for name in body.names if is_damping_ratio(name)]
-        names = [name for name in body.names if name not in ratios[1:]]
-        if len(ratios) > 1:
-            first, last = (ratio.rpartition("_")[2] for ratio in (ratios[0], ratios[-1]))
-            names[names.index(ratios[0])] = f"damping of modes {first} to {last}"
-        rows.append(f"structure: {', '.join(parts)}{f'; uncertain: {listed(names)}' if names else ''}")
+        rows.append(f"structure: {_structure_in_words(test, materials)}")
         rows += [f"joint: {joint}" for joint in test.joints.joints] or [f"joint: {test.joints}"]
         rows.append(f"data: {test.data.in_full}")
         rows.append(f"noise: {'Gaussian' if test.noise is None else _kind_in_words(test.noise)}")
@@ -225,6 +210,26 @@ def _understood(case: "Case") -> list[str]:
 def _kind_in_words(thing: object) -> str:
     """Name of a class in words: ``"modal damping"``."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(thing).__name__).capitalize()
+
+
+def _structure_in_words(test: "Test", materials: Mapping[str, object]) -> str:
+    """What the structure is, its damping, its measured bodies and what is uncertain."""
+    from jointbayes.phrases import listed
+    from jointbayes.structure.recipe import is_damping_ratio
+
+    body, recipe = test.structures, getattr(test.structures, "recipe", None)
+    parts = [f"{body.n_dofs} DOFs" if recipe is None else recipe.what]
+    parts = [f"beam {parts[0]}", *materials] if getattr(recipe, "kind", "") == "beam" else parts
+    parts.append(_kind_in_words((recipe or body).damping).lower())
+    for measured in test.measured_bodies:
+        f = measured.frequency_hz
+        parts.append(f"{measured.name}: {', '.join(measured.dofs)}, {f.size} lines from {f[0]:g} to {f[-1]:g} Hz")
+    ratios = [name for name in body.names if is_damping_ratio(name)]
+    names = [name for name in body.names if name not in ratios[1:]]
+    if len(ratios) > 1:
+        first, last = (ratio.rpartition("_")[2] for ratio in (ratios[0], ratios[-1]))
+        names[names.index(ratios[0])] = f"damping of modes {first} to {last}"
+    return ", ".join(parts) + (f"; uncertain: {listed(names)}" if names else "")
 
 
 def _materials(test: "Test") -> dict[str, list[str]]:

@@ -12,7 +12,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import singledispatch
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
@@ -819,24 +818,6 @@ class NaturalFrequenciesSpec(DataTable):
 
         frequency = np.array(self.frequencies_hz)
         return vibrecords.FrequencyData(frequency, np.hypot(self.sd_relative * frequency, self.sd_hz))
-
-
-@singledispatch
-def synthetic_table(data: DataTable) -> SyntheticFrfSpec | None:
-    """The table of data that a stated truth makes."""
-    return None
-
-
-synthetic_table.register(SyntheticFrfSpec, lambda table: table)
-
-
-@singledispatch
-def files_table(data: DataTable) -> MeasuredFrfSpec | MeasuredFrequenciesSpec | None:
-    """The table of data that are in measurement files."""
-    return None
-
-
-files_table.register(MeasuredSpec, lambda table: table)
 
 
 DataSpec = Annotated[

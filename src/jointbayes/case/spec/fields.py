@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
 import pydantic
@@ -91,6 +92,7 @@ def other_units(unit: str) -> list[tuple[str, float]]:
     return [(words, given / size) for other, given, words in UNITS.values() if other == kind and given != size]
 
 
+T = TypeVar("T")
 _Path = tuple[str, ...]
 _ANY = "*"  # each key of a table
 DATA_FILE = ("data", "file")
@@ -269,13 +271,14 @@ def limit_text(value: float) -> str:
     return f"{mantissa}e{int(exponent)}" if e else (mantissa if value < 1e4 else f"1e{len(mantissa) - 1}")
 
 
-def numbers_in(value: object, place: KeyPath = ()) -> Iterator[tuple[KeyPath, float]]:
-    """Yield place and value of each number in lists and tables."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
+def entries_of(kind: type[T] | UnionType, value: object, place: KeyPath = ()) -> Iterator[tuple[KeyPath, T]]:
+    """Yield place and value of each entry of a kind in lists and tables; true and false are no numbers."""
+    if isinstance(value, kind) and not isinstance(value, bool):
         yield place, value
+        return
     parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list | tuple) else ()
     for key, entry in parts:
-        yield from numbers_in(entry, (*place, key))
+        yield from entries_of(kind, entry, (*place, key))
 
 
 def key_field(description: str, example: object, default: Any = ..., **limits: Any) -> Any:  # noqa: ANN401 (as pydantic's)
@@ -412,7 +415,6 @@ def _word(most: int) -> AfterValidator:
 Name = Annotated[str, _word(40)]
 #: The name of a body, of a part or of a port.
 Word = Annotated[str, _word(60)]
-T = TypeVar("T")
 # A TOML array is a list; the frozen models keep tuples, which strict mode would refuse to build from lists.
 ListOf = Annotated[tuple[T, ...], Strict(False)]
 Vector = Annotated[tuple[float, float, float], Strict(False)]
@@ -445,7 +447,7 @@ class Spec(BaseModel):
         """Yield numbers that no machine has; NaN stands for none, where a key allows it."""
         fields = type(self).model_fields
         for key, limits in ((key, LIMITS[key]) for key in fields if key in LIMITS):
-            for loc, value in numbers_in(getattr(self, key), (key,)):
+            for loc, value in entries_of(float | int, getattr(self, key), (key,)):
                 if value != 0 and not limits.least <= abs(value) <= limits.most and not math.isnan(value):
                     what = str(fields[key].description).rstrip(".")
                     expected = f"{what}, of a magnitude from {limit_text(limits.least)} to {limit_text(limits.most)}"
@@ -473,7 +475,9 @@ class Spec(BaseModel):
 
     def object_findings(self, at: KeyPath = ()) -> Iterator[Finding]:
         """Yield what the objects refuse that this table, or one in it, describes; of tables in each other the inner."""
-        inner = [finding for table, place in _tables_in(dict(self), at) for finding in table.object_findings(place)]
+        inner = [
+            finding for place, table in entries_of(Spec, dict(self), at) for finding in table.object_findings(place)
+        ]
         if inner:
             yield from inner
             return
@@ -492,16 +496,6 @@ class Spec(BaseModel):
                 return (*stated.split("."), *field[n:])
         key = same_stem(str(field[0]), type(self).model_fields) if field else None
         return (key, *field[1:]) if key else ()
-
-
-def _tables_in(value: object, place: KeyPath) -> Iterator[tuple[Spec, KeyPath]]:
-    """Yield tables in lists and tables of these, each with its place."""
-    if isinstance(value, Spec):
-        yield value, place
-        return
-    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, tuple) else ()
-    for key, entry in parts:
-        yield from _tables_in(entry, (*place, key))
 
 
 class DataTable(Spec):

@@ -431,12 +431,9 @@ _PARAMETRISATION = key_field(
     ),
     _LOG,
 )
-if TYPE_CHECKING:
-    ParametrisationName = str
-    KindName = str
-else:
-    ParametrisationName = Literal[tuple(COORDINATES)]
-    KindName = Literal[KINDS]
+_PARAMETRISATIONS = tuple(COORDINATES)
+ParametrisationName = Literal[_PARAMETRISATIONS]  # type: ignore[valid-type]
+KindName = Literal[KINDS]  # type: ignore[valid-type]
 
 _Names = ListOf[str]
 _Share = Annotated[float, Field(ge=-1, le=1)]

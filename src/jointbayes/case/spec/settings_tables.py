@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import date, datetime
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
@@ -98,10 +98,8 @@ class ReferenceSpec(NamedStiffnessSpec):
     natural_frequencies_hz: Annotated[Frequencies, FREQUENCIES] = ()
 
 
-if TYPE_CHECKING:
-    Hypothesis = str
-else:
-    Hypothesis = Literal[tuple(HYPOTHESES)]
+_NAMES_OF_HYPOTHESES = tuple(HYPOTHESES)
+Hypothesis = Literal[_NAMES_OF_HYPOTHESES]  # type: ignore[valid-type]
 
 
 _HYPOTHESES = key_field(

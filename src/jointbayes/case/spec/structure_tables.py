@@ -197,10 +197,7 @@ KIND = key_field('the kind of structure, "beam", "frame", "chain", "matrices" or
 MODULUS, DENSITY = positive("Young's modulus in GPa", 210.0), positive("the density in kg/m³", 7800.0)
 POISSON = Field(gt=-1, lt=0.5, description="Poisson's ratio, above -1 and below 0.5", examples=[0.3])
 FORCE = key_field("the axial force at rest in N, tension positive, compression negative", 2000.0)
-if TYPE_CHECKING:
-    Direction = str
-else:
-    Direction = Literal[DIRECTIONS]
+Direction = Literal[DIRECTIONS]  # type: ignore[valid-type]
 #: Names of points: numbers from 1, or words.
 POINT = re.compile(r"[1-9][0-9]{0,6}|[A-Za-z][A-Za-z0-9_-]{0,59}")
 

@@ -132,12 +132,12 @@ class CaseSpec(Spec):
     @property
     def synthetic(self) -> data_table.SyntheticFrfSpec | None:
         """The table of the data, if a stated truth makes them."""
-        return data_table.synthetic_table(self.data)
+        return self.data if isinstance(self.data, data_table.SyntheticFrfSpec) else None
 
     @property
     def files(self) -> data_table.MeasuredFrfSpec | data_table.MeasuredFrequenciesSpec | None:
         """The table of the data, if they are in measurement files."""
-        return data_table.files_table(self.data)
+        return self.data if isinstance(self.data, data_table.MeasuredSpec) else None
 
     @property
     def measured_labels(self) -> frozenset[str]:
