@@ -19,7 +19,7 @@ from jointbayes.inference import JointPrior, Problem, Test, Uniform
 from jointbayes.joint import Joint, parametrisation_named
 from jointbayes.sampling import SamplerSettings
 from jointbayes.structure import FeModel, LossFactor, Port, family_of_recipe, reduce_to_ports
-from jointbayes.structure.imported import port_forms
+from jointbayes.structure.imported.ports import port_forms
 from vibrecords import FrfData, FrfSet
 
 Array = NDArray[np.float64]

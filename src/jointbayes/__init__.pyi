@@ -61,10 +61,10 @@ from jointbayes.structure import ModalDamping as ModalDamping
 from jointbayes.structure import Section as Section
 from jointbayes.structure import Structure as Structure
 from jointbayes.structure import chain as chain
-from jointbayes.structure.imported import FeModel as FeModel
-from jointbayes.structure.imported import Port as Port
-from jointbayes.structure.imported import read_structure as read_structure
-from jointbayes.structure.imported import reduce_to_ports as reduce_to_ports
+from jointbayes.structure.imported.fe_model import FeModel as FeModel
+from jointbayes.structure.imported.imported_body import reduce_to_ports as reduce_to_ports
+from jointbayes.structure.imported.ports import Port as Port
+from jointbayes.structure.imported.read import read_structure as read_structure
 from jointbayes.studies.campaign import Campaign as Campaign
 from jointbayes.studies.campaign import campaign as campaign
 from jointbayes.studies.compare import Comparison as Comparison

@@ -8,7 +8,7 @@ from scipy import linalg
 
 import jointbayes as jb
 from jointbayes.structure import LossFactor, Port, family_of_recipe, reduce_to_ports
-from jointbayes.structure.imported import port_forms
+from jointbayes.structure.imported.ports import port_forms
 from vibrecords import FrfData, FrfSet
 
 WAYS = ("x", "y", "z", "rx", "ry", "rz")

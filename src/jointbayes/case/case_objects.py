@@ -50,7 +50,8 @@ from jointbayes.structure import (
     read_structure,
     reduce_to_ports,
 )
-from jointbayes.structure.imported import nodes_in_box, with_beams
+from jointbayes.structure.imported.beams import with_beams
+from jointbayes.structure.imported.ports import nodes_in_box
 from vibrecords import Data, split_modes
 from vibrecords.arrays import Array
 from vibrecords.errors import printable

@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy import linalg
@@ -20,8 +20,7 @@ from vibrecords.errors import array_of
 _RIGID = 30 * np.finfo(float).eps
 
 
-#: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over its modes.
-_SOLVED_LINE_BY_LINE, _LINES_SOLVED = 50, 20_000
+_LINES_SOLVED = 20_000  # at most, line by line
 _LARGER = 1e4  # of the shift, the most that is tried
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
@@ -67,6 +66,8 @@ class Structure(Body):
     damping: DampingLaw
     dofs: tuple[str, ...]
     positions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    #: A structure of so few DOFs is solved line by line, refined to the last bits; a larger one is summed over modes.
+    most_solved: ClassVar[int] = 50
     #: Highest frequency that is wanted, Hz; None keeps every mode.
     _top_hz: float | None = field(default=None, init=False, compare=False)
     _every_mode: bool = field(default=False, init=False, compare=False)
@@ -181,19 +182,16 @@ class Structure(Body):
 
     def at(self, dofs: Iterable[str], top_hz: float) -> Self:
         """The same structure with the modes up to this frequency; its matrices are what they are."""
-        if self._every_mode:
-            return self
-        same = copy.copy(self)
-        object.__setattr__(same, "_top_hz", top_hz)
-        return same
+        return self if self._every_mode else self._like(top_hz, every_mode=False)
 
     def reference(self, *, solved: bool = True) -> Self:
         """The same structure, with all its modes whatever frequency is wanted if `solved`."""
-        if not solved:
-            return self
+        return self._like(None, every_mode=True) if solved else self
+
+    def _like(self, top_hz: float | None, *, every_mode: bool) -> Self:
         same = copy.copy(self)
-        object.__setattr__(same, "_top_hz", None)
-        object.__setattr__(same, "_every_mode", True)
+        object.__setattr__(same, "_top_hz", top_hz)
+        object.__setattr__(same, "_every_mode", every_mode)
         return same
 
     def reach_hz(self, count: int) -> float:
@@ -237,7 +235,7 @@ class Structure(Body):
     def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
         """Solved line by line if it is small and lines are few, or no modes diagonalise its damping matrix."""
         law = self.damping
-        small = self.n_dofs <= _SOLVED_LINE_BY_LINE and omega.size <= _LINES_SOLVED
+        small = self.n_dofs <= self.most_solved and omega.size <= _LINES_SOLVED
         if law.matrix is None and (law.of_assembled_modes or not small):
             return None
         forms = self.on_all_dofs(dofs, motions)

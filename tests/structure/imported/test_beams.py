@@ -8,7 +8,8 @@ from scipy import linalg
 import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.structure import PointMass, family_of_recipe
-from jointbayes.structure.imported import port_forms, with_beams
+from jointbayes.structure.imported.beams import with_beams
+from jointbayes.structure.imported.ports import port_forms
 from tests.conftest import STEEL
 
 TOP_HZ = 3000.0

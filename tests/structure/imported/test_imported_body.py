@@ -13,7 +13,8 @@ import jointbayes as jb
 from jointbayes.frf import NaturalFrequencies, receptance_model
 from jointbayes.identification import sensitivity_iteration
 from jointbayes.structure import Rayleigh, ViscousMatrix, family_of_recipe
-from jointbayes.structure.imported import nodes_in_box, ports, reduction
+from jointbayes.structure.imported import ports, reduction
+from jointbayes.structure.imported.ports import nodes_in_box
 from tests.structure.imported.fe_models import plane_beam
 from vibrecords import FrfSet
 

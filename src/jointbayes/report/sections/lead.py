@@ -22,7 +22,7 @@ from jointbayes.report.model import Block, Callout, Figure, Kind, Light, Lights,
 from jointbayes.report.structure_sketch import dof_words, sketch
 from jointbayes.rounding import number, percent, sentence_start
 from jointbayes.structure.frame_recipe import BeamRecipe, FrameRecipe
-from jointbayes.structure.imported import ImportedRecipe
+from jointbayes.structure.imported.imported_body import ImportedRecipe
 from vibrecords import FrfData
 
 _LONGEST = 180  # characters of a doubt

@@ -18,7 +18,7 @@ from jointbayes.structure.imported.reduction import MODES_TO, PART_QUANTITIES, R
 from jointbayes.structure.matrices import ConstantModes, Structure
 from jointbayes.structure.recipe import Recipe, UncertainBody
 from jointbayes.structure.shape_modes import ModesOverShape, Powers, ends_of, modes_over_shape, rising, shape_numbers
-from vibrecords.arrays import Array, ComplexArray, Indices, convert_fields
+from vibrecords.arrays import Array, Indices, convert_fields
 
 #: Lines of a picture at most, and cells along the longest side: as many as leave no more lines than that.
 _MOST_LINES = 240
@@ -95,6 +95,7 @@ class ReducedStructure(Structure):
 
     motions: Array = field(kw_only=True)
     rigid: int = field(kw_only=True)
+    most_solved: ClassVar[int] = 0  # its DOFs are not its coordinates
 
     def __post_init__(self) -> None:
         """Nothing is checked again: the reduction made it."""
@@ -132,13 +133,6 @@ class ReducedStructure(Structure):
     def dampers(self) -> tuple[Array, Rows, Array]:
         """None that could be told from the matrix C of a reduction: it is solved line by line."""
         return np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, 0))
-
-    def solved_receptance(self, dofs: Rows, motions: Array, omega: Array) -> ComplexArray | None:
-        """Solved line by line where no modes diagonalise its damping matrix."""
-        if self.damping.matrix is None:
-            return None
-        forms = self.on_all_dofs(dofs, motions)
-        return self.solve_lines(omega, forms, forms)
 
 
 @dataclass(frozen=True, eq=False)
