@@ -39,10 +39,8 @@ class VerdictRule:
     def __post_init__(self) -> None:
         shares = (self.contraction, self.nothing, self.excluded)
         if not (1 < self.identified <= self.weakly_identified and all(0 < share < 1 for share in shares)):
-            raise ModelError(
-                f"verdict: found {self!r}; expected 1 < identified ≤ weakly_identified and shares inside (0, 1); "
-                "correct them"
-            )
+            expected = "1 < identified ≤ weakly_identified and shares inside (0, 1)"
+            raise ModelError(f"verdict: found {self!r}; expected {expected}; correct them")
 
     def __str__(self) -> str:
         return (

@@ -353,9 +353,8 @@ def _matrix(file: Path) -> structure_tables.Matrix:
             raise ValueError(f"{array.ndim} dimensions, numbers of kind {array.dtype}")
     except (OSError, ValueError, EOFError, UnicodeError, ArithmeticError) as error:
         reason = " ".join(str(error).split())[:100]
-        raise CaseError(
-            f"found no readable array ({reason}); expected numbers, in .csv separated by commas; correct it"
-        ) from error
+        words = "expected numbers, in .csv separated by commas; correct it"
+        raise CaseError(f"found no readable array ({reason}); {words}") from error
     if not np.isfinite(array).all():
         raise CaseError("found NaN or infinity; expected finite numbers; correct the file")
     return tuple(tuple(row) if array.ndim == 2 else row for row in array.astype(float).tolist())
@@ -556,10 +555,8 @@ def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, mea
             if measured.modes is None:  # only the damping rests on the numbers of modes
                 ratio = float(np.median([each.damping_ratio for each in modes]))
                 remedy = f"write ratio = {ratio:.2g}, lower f_min_hz, or {model}"
-            raise MeasurementError(
-                f"found mode {number} at {mode.frequency_hz:.4g} Hz; expected {highest:.4g} Hz at most "
-                f"({'rigid joint' if joint.size else 'free structure'}); {remedy}"
-            )
+            expected = f"{highest:.4g} Hz at most ({'rigid joint' if joint.size else 'free structure'})"
+            raise MeasurementError(f"found mode {number} at {mode.frequency_hz:.4g} Hz; expected {expected}; {remedy}")
 
 
 #: Beyond the highest natural frequency that is data: a model that is a little wrong has it higher.

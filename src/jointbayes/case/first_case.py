@@ -19,7 +19,7 @@ from jointbayes.errors import MeasurementError
 from jointbayes.inference.workshop import WORKSHOP_SD_PERCENT
 from jointbayes.structure.imported.read import UNITS
 from vibrecords import FrfSet
-from vibrecords.errors import printable
+from vibrecords.errors import printable, refusal
 from vibrecords.formats.about import about_file
 from vibrecords.formats.channel_units import unknown_sides
 from vibrecords.formats.grid import cut_to_band, join_frfs, measured_lines
@@ -241,10 +241,8 @@ def sketch(text: str) -> list[str]:
 def _name_from(path: Path, directory: Path) -> str:
     name = os.path.relpath(path, directory)
     if name.startswith(".."):
-        raise MeasurementError(
-            f"{path}: found outside of the directory of the case; expected it there; write the case beside it: "
-            f"jointbayes init {path.parent / 'my_case.toml'} --from {path}"
-        )
+        remedy = f"write the case beside it: jointbayes init {path.parent / 'my_case.toml'} --from {path}"
+        raise refusal(path, "outside of the directory of the case", "it there", remedy)
     return Path(name).as_posix()
 
 

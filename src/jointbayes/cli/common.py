@@ -62,10 +62,9 @@ def require_free(target: Path, option: str, *, posterior: bool = False) -> None:
         raise CaseError(f"{target}: found the file that is read; expected another one; choose another {option}")
     if not (manner().force or (_is_posterior if posterior else _is_ours)(target)):
         what = "a posterior" if posterior else "a file"
-        raise CaseError(
-            f"{target}: found a file; expected a new one, or {what} that jointbayes wrote; choose another {option}, or "
-            "replace it by --force"
-        )
+        expected = f"a new one, or {what} that jointbayes wrote"
+        remedy = f"choose another {option}, or replace it by --force"
+        raise CaseError.of(f"{target}", (), "found a file", expected, remedy)
 
 
 def require_outside(directory: Path) -> None:

@@ -229,10 +229,8 @@ def export(
 
     chosen = form or (_ENDINGS | _GONE).get(target.suffix.lower())
     if chosen is None:
-        raise CaseError(
-            f"{target}: found no format of the ending {target.suffix!r}; expected one of {', '.join(_ENDINGS)}; choose "
-            "another or give --format"
-        )
+        found, expected = f"found no format of the ending {target.suffix!r}", f"one of {', '.join(_ENDINGS)}"
+        raise CaseError.of(f"{target}", (), found, expected, "choose another or give --format")
     pairs = [pair.rpartition("=") for pair in nodes]
     if wrong := [name + sign + number for name, sign, number in pairs if not (name and number.isdecimal())]:
         raise CaseError(f"--node: found {wrong[0]!r}; expected NAME=NUMBER, such as footA=17; correct it")

@@ -94,10 +94,8 @@ def export(
         write_whole_file(target, fe_cards(form, elements, [*said, *rigid], units, first_id).encode())
         return (f"Cards for {form} of the {of}: {part.test.joints}",)
     if part.test.data.shown_frfs is None:
-        raise ModelError(
-            f"export: found {part.test.data.words} as data, and no FRFs for csv; expected FRFs; take the natural "
-            "frequencies from summary.json of the run"
-        )
+        found = f"found {part.test.data.words} as data, and no FRFs for csv"
+        raise ModelError.of("export", (), found, "FRFs", "take the natural frequencies from summary.json of the run")
     frfs, ends = _frfs(posterior, test)
     modes = _modes(posterior, test, theta)
     said += [f"mode {n}: {hz!r} Hz, damping ratio {ratio!r}" for n, (hz, ratio) in enumerate(modes, start=1)]

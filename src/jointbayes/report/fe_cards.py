@@ -97,9 +97,8 @@ def joint_element(
     """
     yielding = [i for i in range(joint.size) if i not in held]
     if not yielding:
-        raise ModelError(
-            f"joint {joint}: found every direction rigid; expected a stiffness; connect the nodes by a rigid element"
-        )
+        remedy = "connect the nodes by a rigid element"
+        raise ModelError.of(f"joint {joint}", (), "found every direction rigid", "a stiffness", remedy)
     length, _ = _LENGTHS[units]
     turns = np.array([is_rotation(direction) for direction in joint.directions], dtype=float)[yielding]
     turned = np.array([is_rotation(label) for label in joint.labels], dtype=float)
@@ -118,10 +117,9 @@ def _dof(label: str, nodes: Mapping[str, int]) -> Dof:
         return nodes[f"{name}:r"], DIRECTIONS.index(direction) - 2
     number = nodes.get(name, int(name) if name.isascii() and name.isdigit() and len(name) < 9 else 0)
     if direction not in DIRECTIONS or not 0 < number < 10**8:
-        raise ModelError(
-            f"DOF {label}: found no node with a number from 1 to 99999999 and a direction {', '.join(DIRECTIONS)}; "
-            f"expected both for cards; give the node's number with --node {name or 'NAME'}=NUMBER"
-        )
+        found = f"found no node with a number from 1 to 99999999 and a direction {', '.join(DIRECTIONS)}"
+        remedy = f"give the node's number with --node {name or 'NAME'}=NUMBER"
+        raise ModelError.of(f"DOF {label}", (), found, "both for cards", remedy)
     return number, DIRECTIONS.index(direction) + 1
 
 
@@ -232,10 +230,9 @@ def _calculix(elements: Sequence[JointElement], number: int) -> list[str]:
     for element in elements:
         turned = next((node for node, direction in element.dofs if direction > 3), None)
         if turned is not None:
-            raise ModelError(
-                f"calculix: found a rotation of node {turned}; expected the ROT NODE of a *RIGID BODY, as CalculiX has "
-                "no rotations of other nodes; give its number with --node NAME:r=NUMBER"
-            )
+            expected = "the ROT NODE of a *RIGID BODY, as CalculiX has no rotations of other nodes"
+            remedy = "give its number with --node NAME:r=NUMBER"
+            raise ModelError.of("calculix", (), f"found a rotation of node {turned}", expected, remedy)
         if element.springs:
             lines += _spring_elements(element, number)
             number += len(element.springs)

@@ -124,10 +124,8 @@ def plot_residuals(posterior: Posterior, *, test: str | None = None, ax: Axes | 
     """
     part = _of(posterior).problem.part(test)
     if part.test.data.frfs is None and part.test.data.shown_frfs is not None:
-        raise ModelError(
-            "figure: found the modes of FRFs as data, not these; expected FRFs analysed line by line; draw plot_frf, "
-            'or the posterior of jb.sample(case, premises="exact")'
-        )
+        found, remedy = "the modes of FRFs as data, not these", 'the posterior of jb.sample(case, premises="exact")'
+        raise ModelError(f"figure: found {found}; expected FRFs analysed line by line; draw plot_frf, or {remedy}")
     lines, (ax,) = _measured_frfs(part).frequency_hz, _axes(ax, 2.4)
     drawing.draw_squares_by_line(ax, lines, checks_of(posterior)[posterior.problem.parts.index(part)].chi2_by_line)
     return ax

@@ -365,12 +365,9 @@ def require_room(target: Path, room: int = _ROOM) -> None:
             scratch.write_bytes(bytes(4096))
             free = shutil.disk_usage(parent).free
     except OSError as error:
-        raise WriteError(
-            f"{target}: found that {parent} cannot be written to ({error.strerror or error}); expected a directory "
-            f"for it that can; {remedy}"
-        ) from error
+        found = f"found that {parent} cannot be written to ({error.strerror or error})"
+        raise WriteError.of(f"{target}", (), found, "a directory for it that can", remedy) from error
     if free < room:
-        raise WriteError(
-            f"{target}: found {free / 1e6:.1f} MB free on the disk; expected at least {room / 1e6:.1f} MB for what "
-            f"will be written; make room or {remedy}"
-        )
+        found = f"found {free / 1e6:.1f} MB free on the disk"
+        expected = f"at least {room / 1e6:.1f} MB for what will be written"
+        raise WriteError.of(f"{target}", (), found, expected, f"make room or {remedy}")

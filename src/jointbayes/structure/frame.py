@@ -155,9 +155,8 @@ class PointMass:
         if not possible:
             given = f"{self.mass:g} kg with the inertia {list(self.inertia)} kg m2 at point {self.point}"
             expected = "a mass of at least 0 and three moments of inertia, or six with xy, yz, xz, of a matrix that is "
-            raise ModelError.of(
-                "frame", ("inertia",), f"found a mass of {given}", f"{expected}positive semidefinite", "correct them"
-            )
+            expected += "positive semidefinite"
+            raise ModelError.of("frame", ("inertia",), f"found a mass of {given}", expected, "correct them")
 
     @property
     def inertia_matrix(self) -> Array:
@@ -243,10 +242,9 @@ class FrameBody:
             rest = [member for member in rest if member not in touching]
         alone = [name for name in names if name not in reached]
         if alone:
-            raise ModelError(
-                f"frame: found the points {', '.join(alone[:12])} without a member that connects them to "
-                f"{self.members[0].points[0]}; expected a body in one piece; connect them or make them another body"
-            )
+            first, remedy = self.members[0].points[0], "connect them or make them another body"
+            found = f"frame: found the points {', '.join(alone[:12])} without a member that connects them to {first}"
+            raise ModelError(f"{found}; expected a body in one piece; {remedy}")
 
     def stations(self, member: Member) -> tuple[Station, ...]:
         """The points along one of its members, those with a number between among them."""

@@ -465,11 +465,10 @@ class MemberRecipe(Recipe):
             nodes, (whole, at_a_point) = 1 + sum(count * order for count, order in mesh.elements), self.most_dofs
             most = whole // len(self.directions) + at_a_point * (len(segments) + 1)
             if nodes > most:
-                raise ModelError(
-                    f"{self.kind}: found a length of {sum(s.stretch.length for s in segments):g} m and lines up to "
-                    f"{top_hz:g} Hz, which take {nodes} nodes; expected at most {most}{self.most_are}; lower the "
-                    "frequencies, or correct the units of length and material"
-                )
+                found = f"found a length of {sum(s.stretch.length for s in segments):g} m and lines up to {top_hz:g} Hz"
+                remedy = "lower the frequencies, or correct the units of length and material"
+                words = f"{found}, which take {nodes} nodes; expected at most {most}{self.most_are}; {remedy}"
+                raise ModelError(f"{self.kind}: {words}")
             meshes.append(mesh)
         return tuple(meshes)
 
@@ -618,11 +617,10 @@ class FrameRecipe(MemberRecipe):
         owner, _, quantity = name.rpartition(".")
         bent = [n or "the frame" for n, body in self.bodies if (not owner or owner == n) and not body.straight]
         if quantity == "length" and bent:
-            raise ModelError(
-                f"frame: found the uncertain quantity {name!r} where {', '.join(bent)} has members in several "
-                "directions, offsets or inertias at points; expected a straight body, whose length is one number; "
-                "make the quantity that of a straight body"
-            )
+            found = f"found the uncertain quantity {name!r} where {', '.join(bent)} has members in several directions, "
+            found += "offsets or inertias at points"
+            remedy = "make the quantity that of a straight body"
+            raise ModelError.of("frame", (), found, "a straight body, whose length is one number", remedy)
 
 
 def require_unbuckled(recipe: MemberRecipe, held: Iterable[str]) -> None:
@@ -648,13 +646,10 @@ def require_unbuckled(recipe: MemberRecipe, held: Iterable[str]) -> None:
     shapes = modes.shapes / np.sqrt(np.where(modes.eigenvalues > 0, modes.eigenvalues, np.inf))
     softened = linalg.eigvalsh(shapes.T @ (slack.stiffness - preloaded.stiffness) @ shapes)[-1]
     if softened >= 1:
-        raise ModelError.of(
-            recipe.kind,
-            ("axial_force_n",),
-            f"found an axial force of {min(forces):.6g} N, under which it buckles however stiff its joints are",
-            f"compression below the critical {-min(forces) / softened:.6g} N",
-            "lower the compression, or correct section and length",
-        )
+        found = f"found an axial force of {min(forces):.6g} N, under which it buckles however stiff its joints are"
+        expected = f"compression below the critical {-min(forces) / softened:.6g} N"
+        remedy = "lower the compression, or correct section and length"
+        raise ModelError.of(recipe.kind, ("axial_force_n",), found, expected, remedy)
 
 
 def _diagonal(places: Sequence[Vector]) -> float:

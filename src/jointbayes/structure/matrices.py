@@ -293,11 +293,10 @@ class Structure(Body):
                     others = dynamic @ rounded - w**2 * (self.mass @ rounded) + 1j * w * (viscous @ rounded)
                     x = x + np.linalg.solve(z, (loads - elastic - others).astype(complex))
             except np.linalg.LinAlgError:
-                raise ModelError(
-                    f"FRF: found an undamped natural frequency on a line between {w.min() / (2 * np.pi):g} and "
-                    f"{w.max() / (2 * np.pi):g} Hz; expected damping, or lines beside it; give the structure damping "
-                    "or move the lines"
-                ) from None
+                low, high = (f"{end / (2 * np.pi):g}" for end in (w.min(), w.max()))
+                found = f"found an undamped natural frequency on a line between {low} and {high} Hz"
+                remedy = "give the structure damping or move the lines"
+                raise ModelError.of("FRF", (), found, "damping, or lines beside it", remedy) from None
             parts.append(observed.T @ x.astype(complex))
         return np.concatenate(parts)
 

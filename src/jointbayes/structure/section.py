@@ -172,11 +172,9 @@ class Section:
         if self == other or share == 0:
             return self
         if not self.shape or self.shape != other.shape:
-            raise ModelError(
-                f"section: found a taper from {self.shape or 'a section of given constants'} to "
-                f"{other.shape or 'a section of given constants'}; expected two sections of one shape (a circle is a "
-                "tube without a bore); make it of two members"
-            )
+            first, last = (each.shape or "a section of given constants" for each in (self, other))
+            expected = "two sections of one shape (a circle is a tube without a bore); make it of two members"
+            raise ModelError(f"section: found a taper from {first} to {last}; expected {expected}")
         ends = zip(self.dimensions, other.dimensions, strict=True)
         return getattr(Section, self.shape)(*((1 - share) * a + share * b for a, b in ends))
 

@@ -189,11 +189,9 @@ class BeamFamily(FrameFamily):
         super().__post_init__()
         ends = {name: np.exp(range_) for name, range_ in self.ranges.items()}
         if np.min(self.recipe.body_factor(0, ends, "length")) < _SHORTEST:
-            raise ModelError(
-                f"uncertain structure: found a length_offset of {1e3 * self.ranges['length_offset'][0]:.4g} mm within "
-                f"six standard deviations, for a length of {1e3 * self.recipe.length:.4g} mm; expected one that leaves "
-                "a beam; lower it"
-            )
+            found = f"found a length_offset of {1e3 * self.ranges['length_offset'][0]:.4g} mm within six standard "
+            found += f"deviations, for a length of {1e3 * self.recipe.length:.4g} mm"
+            raise ModelError.of("uncertain structure", (), found, "one that leaves a beam", "lower it")
 
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam.

@@ -382,9 +382,8 @@ def reduce_to_ports(
         part, _, quantity = name.rpartition(".")
         if part not in held.parts or quantity not in PART_QUANTITIES:
             known = ", ".join(f"{p}.{q}" for p in held.parts for q in PART_QUANTITIES) or "none, as it has no parts"
-            raise ModelError.of(
-                model.source, ("uncertain",), f"found the quantity {name!r}", f"one of {known}", "correct it"
-            )
+            found = f"found the quantity {name!r}"
+            raise ModelError.of(model.source, ("uncertain",), found, f"one of {known}", "correct it")
     drawn = outline_of(held)
     seen = [held.row(int(node), way) for node in (drawn[0] if drawn else ()) for way in "xyz"]
     reduced, finer = reduce_model(held, np.stack([*forms.values()], axis=1), top_hz, ends, seen)

@@ -102,9 +102,8 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     if not free:
         listed = ", ".join(map(str, port.nodes[:6])) + " …" * (len(port.nodes) > 6)
         found = f"found no node of {listed} that is free to move"
-        raise ModelError.of(
-            f"port {name}", ("ports", name), found, "a patch that no support holds", "choose other nodes"
-        )
+        expected = "a patch that no support holds"
+        raise ModelError.of(f"port {name}", ("ports", name), found, expected, "choose other nodes")
     mean_arm = np.mean([arms[node] for node in free], axis=0)
     inertia = np.zeros((3, 3))
     translation, turning = np.zeros((3, model.n_dofs)), np.zeros((3, model.n_dofs))
@@ -143,9 +142,8 @@ def _arms(model: FeModel, port: Port, name: str) -> Mapping[int, Array]:
         place = model.place(node)
         if place is None:
             found = f"found no place of node {node} in {model.source}"
-            raise ModelError.of(
-                f"port {name}", ("ports", name), found, "the places of all nodes of a patch", "give coordinates"
-            )
+            expected = "the places of all nodes of a patch"
+            raise ModelError.of(f"port {name}", ("ports", name), found, expected, "give coordinates")
         if not (model.dofs[:, 0] == node).any():
             raise _no_node(model, node, name)
         arms[node] = place

@@ -244,9 +244,8 @@ def _modes_below(
             return np.asarray(shapes[:, values < highest])
         if count >= _MOST_MODES:
             found = f"found more than {count} modes below {top_hz:.4g} Hz"
-            raise ModelError.of(
-                source, ("top_hz",), found, f"fewer than {_MOST_MODES}", "lower the band, or correct the units"
-            )
+            remedy = "lower the band, or correct the units"
+            raise ModelError.of(source, ("top_hz",), found, f"fewer than {_MOST_MODES}", remedy)
         count = min(2 * count, _MOST_MODES)
 
 
