@@ -192,12 +192,7 @@ class Case:
     def sampler(self) -> SamplerSettings:
         """Sampler settings; where the file states no walkers, as many as its unknowns need."""
         spec = self.spec.sampling
-        settings = SamplerSettings(
-            ensembles=spec.ensembles,
-            walkers=spec.walkers,
-            max_steps=spec.max_steps,
-            max_evaluations=spec.max_evaluations,
-        )
+        settings = SamplerSettings(**spec.model_dump(exclude={"seed"}))
         if "walkers" in spec.model_fields_set:
             return settings
         return settings.for_dimension(len(self.problem.prior.names))

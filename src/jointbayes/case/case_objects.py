@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -85,21 +86,12 @@ def plan_of_files(data: MeasuredSpec) -> MeasurementPlan:
         if spec.method == "shaker":
             assert spec.block_s is not None
             signals = ShakerSettings(spec.block_s, spec.overlap, spec.window, *more)
-    return MeasurementPlan(
-        {name: channel.built() for name, channel in data.channels.items()},
-        data.variance.built() if data.variance else None,
-        data.quantity,
-        data.f_min_hz,
-        data.f_max_hz,
-        data.thin,
-        data.accelerometers == "roving",
-        signals,
-        exclude_hz=data.exclude_hz,
-        conjugate=data.conjugate,
-        window_tau_s=data.exponential_tau_s,
-        virtual_points=data.points,
-        layout=data.layout.model_dump(exclude_none=True) if data.layout else {},
-    )
+    channels = {name: channel.built() for name, channel in data.channels.items()}
+    variance, roving = data.variance.built() if data.variance else None, data.accelerometers == "roving"
+    lines = data.quantity, data.f_min_hz, data.f_max_hz, data.thin
+    stated: dict[str, Any] = {"layout": data.layout.model_dump(exclude_none=True) if data.layout else {}}
+    stated |= {"exclude_hz": data.exclude_hz, "conjugate": data.conjugate, "window_tau_s": data.exponential_tau_s}
+    return MeasurementPlan(channels, variance, *lines, roving, signals, virtual_points=data.points, **stated)
 
 
 def recipe_of(

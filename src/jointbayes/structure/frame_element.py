@@ -84,15 +84,10 @@ class Stretch:
     def scaled(self, factors: BodyFactors) -> "Stretch":
         """The stretch with E, ρ, length, every dimension of the section, κ and axial force times factors."""
         e, rho = self.material.youngs_modulus * factors.youngs_modulus, self.material.density * factors.density
-        return Stretch(
-            self.length * factors.length,
-            replace(self.material, youngs_modulus=e, density=rho),
-            self.start.scaled(factors.section_size),
-            self.end.scaled(factors.section_size),
-            self.shear_coefficient,
-            self.shear_factor * factors.shear_coefficient,
-            self.axial_force * factors.axial_force,
-        )
+        material = replace(self.material, youngs_modulus=e, density=rho)
+        sections = self.start.scaled(factors.section_size), self.end.scaled(factors.section_size)
+        shear, force = self.shear_factor * factors.shear_coefficient, self.axial_force * factors.axial_force
+        return Stretch(self.length * factors.length, material, *sections, self.shear_coefficient, shear, force)
 
     def part(self, first: float, last: float) -> "Stretch":
         """The piece between two shares of its length."""

@@ -488,13 +488,11 @@ class MemberRecipe(Recipe):
             If a name is unknown or a quantity becomes impossible.
         """
         named = self.checked_factors(factors)
-        stiffnesses, masses, labels = zip(
-            *(
-                self.matrices(number, self.factors_of(number, named), self.load(named), body_mesh)
-                for number, body_mesh in enumerate(mesh or self.mesh())
-            ),
-            strict=True,
-        )
+        of_bodies = [
+            self.matrices(number, self.factors_of(number, named), self.load(named), body_mesh)
+            for number, body_mesh in enumerate(mesh or self.mesh())
+        ]
+        stiffnesses, masses, labels = zip(*of_bodies, strict=True)
         stiffness, mass = (linalg.block_diag(*blocks) for blocks in (stiffnesses, masses))
         dofs = tuple(label for of_body in labels for label in of_body)
         return Structure(stiffness, mass, self.damping.scaled(named), dofs, self.positions)

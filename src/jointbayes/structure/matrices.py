@@ -124,13 +124,9 @@ class Structure(Body):
         if not supports:
             return self
         keep = np.setdiff1d(np.arange(self.n_dofs), self.index(tuple(supports)))
-        return replace(
-            self,
-            stiffness=self.stiffness[np.ix_(keep, keep)].copy(),
-            mass=self.mass[np.ix_(keep, keep)].copy(),
-            damping=self.damping.kept(keep),
-            dofs=tuple(self.dofs[i] for i in keep),
-        )
+        stiffness, mass = (matrix[np.ix_(keep, keep)].copy() for matrix in (self.stiffness, self.mass))
+        dofs = tuple(self.dofs[i] for i in keep)
+        return replace(self, stiffness=stiffness, mass=mass, damping=self.damping.kept(keep), dofs=dofs)
 
     def modes(self, added_stiffness: Array | None = None) -> Modes:
         """All undamped modes, with `added_stiffness` (n, n) such as an assembled joint on top if given.

@@ -151,15 +151,9 @@ class Section:
             raise ModelError.of("section", (), f"found factors {size:g} of size and {shear:g} of κ", "both above zero")
         a_y, b_y, a_z, b_z = (c / shear for c in self.cowper)
         area, bending = self.area * size**2, size**4
-        return Section(
-            area,
-            self.inertia_y * bending,
-            self.inertia_z * bending,
-            (a_y, b_y, a_z, b_z),
-            None if self.torsion is None else self.torsion * bending,
-            self.shape,
-            tuple(d * size for d in self.dimensions),
-        )
+        inertias, cowper = (self.inertia_y * bending, self.inertia_z * bending), (a_y, b_y, a_z, b_z)
+        torsion = None if self.torsion is None else self.torsion * bending
+        return Section(area, *inertias, cowper, torsion, self.shape, tuple(d * size for d in self.dimensions))
 
     def between(self, other: "Section", share: float) -> "Section":
         """Section at a share of the way to another one of the same shape, every dimension changing linearly.

@@ -10,6 +10,7 @@ import math
 import re
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -277,6 +278,10 @@ class StructureBase(Spec):
             return error.words
         return None
 
+    def _sensors(self, loaded: tuple[str, ...]) -> dict[str, Any]:
+        """Accelerometers and where they sit, as recipes have them."""
+        return {"accelerometer_mass": self.accelerometer_mass_g * 1e-3, "accelerometer_dofs": loaded}
+
     @abstractmethod
     def recipe(self, loaded: tuple[str, ...]) -> structures.StructureRecipe:
         """The structure; `loaded` are the DOFs at which accelerometers sit."""
@@ -357,21 +362,13 @@ class BeamSpec(BeamsSpec, StructureBase):
 
     def recipe(self, loaded: tuple[str, ...]) -> structures.BeamRecipe:
         """The beam, with accelerometers where they sit."""
-        return structures.BeamRecipe(
-            self.length_mm * 1e-3,
-            self.section.section,
-            structures.BeamMaterial(self.youngs_modulus_gpa * 1e9, self.poissons_ratio, self.density_kg_m3),
-            self.damping.built(),
-            elements=self.elements,
-            dofs_per_node=self.dofs_per_node,
-            shear_coefficient=None if self.shear_coefficient == "cowper" else float(self.shear_coefficient),
-            supports=self.supports,
-            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
-            accelerometer_dofs=loaded,
-            element=self.element,
-            axial_force=self.axial_force_n,
-            points=tuple((name, place * 1e-3) for name, place in self.at_mm.items()),
-        )
+        material = structures.BeamMaterial(self.youngs_modulus_gpa * 1e9, self.poissons_ratio, self.density_kg_m3)
+        kappa = None if self.shear_coefficient == "cowper" else float(self.shear_coefficient)
+        points = tuple((name, place * 1e-3) for name, place in self.at_mm.items())
+        length, section, law = self.length_mm * 1e-3, self.section.section, self.damping.built()
+        nodes = self.elements, self.dofs_per_node, kappa, self.supports, self.axial_force_n, points
+        made_of = (length, section, material, law, *nodes)
+        return structures.BeamRecipe(*made_of, element=self.element, **self._sensors(loaded))
 
 
 _GROUND = "ground"
@@ -484,15 +481,7 @@ class ChainSpec(_RowsSpec):
         dampers = [(*damper.between, damper.damping_n_s_per_m) for damper in self.dampers]
         law = None if dampers else self.damping.built()
         whole = structures.chain(self.masses_kg, springs, law, dampers=dampers, direction=self.direction)
-        return structures.MatrixRecipe(
-            whole.stiffness,
-            whole.mass,
-            whole.dofs,
-            whole.damping,
-            self.supports,
-            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
-            accelerometer_dofs=loaded,
-        )
+        return replace(whole, supports=self.supports, **self._sensors(loaded))
 
     def _findings(self) -> Iterator[Finding]:
         for name in self.masses_kg:
@@ -523,16 +512,9 @@ class MatricesSpec(_RowsSpec):
 
     def recipe(self, loaded: tuple[str, ...]) -> structures.MatrixRecipe:
         """The structure, with accelerometers where they sit."""
-        return structures.MatrixRecipe(
-            _array(self.stiffness),
-            _array(self.mass),
-            self.dofs,
-            self.damping.built(),
-            self.supports,
-            {name: metres(place) for name, place in self.points.items()},
-            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
-            accelerometer_dofs=loaded,
-        )
+        places = {name: metres(place) for name, place in self.points.items()}
+        made_of = _array(self.stiffness), _array(self.mass), self.dofs, self.damping.built(), self.supports, places
+        return structures.MatrixRecipe(*made_of, **self._sensors(loaded))
 
     def try_objects(self) -> None:
         """The structure, once its files are read."""
@@ -596,16 +578,10 @@ class MemberSpec(_Stuff):
             for key in _Stuff.model_fields
         )
         first, last = self.offsets_mm or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        return structures.Member(
-            self.points,
-            section.section,
-            structures.BeamMaterial(modulus * 1e9, poisson, density),
-            self.end_section.section if self.end_section else None,
-            None if kappa == "cowper" else kappa,
-            self.up,
-            (metres(first), metres(last)),
-            force,
-        )
+        material, ends = structures.BeamMaterial(modulus * 1e9, poisson, density), (metres(first), metres(last))
+        last_section = self.end_section.section if self.end_section else None
+        shear = None if kappa == "cowper" else kappa
+        return structures.Member(self.points, section.section, material, last_section, shear, self.up, ends, force)
 
 
 class PointMassSpec(Spec):
@@ -702,15 +678,9 @@ class FrameSpec(BeamsSpec, StructureBase):
 
     def recipe(self, loaded: tuple[str, ...]) -> structures.FrameRecipe:
         """The frame, with accelerometers where they sit."""
-        return structures.FrameRecipe(
-            tuple((name, body.body(self)) for name, body in self.all_bodies.items()),
-            self.damping.built(),
-            self.directions,
-            self.supports,
-            accelerometer_mass=self.accelerometer_mass_g * 1e-3,
-            accelerometer_dofs=loaded,
-            element=self.element,
-        )
+        bodies = tuple((name, body.body(self)) for name, body in self.all_bodies.items())
+        made_of = bodies, self.damping.built(), self.directions, self.supports
+        return structures.FrameRecipe(*made_of, element=self.element, **self._sensors(loaded))
 
     def try_objects(self) -> None:
         """Its bodies."""
@@ -864,18 +834,14 @@ class ImportedSpec(StructureBase):
 
     def recipe(self, loaded: tuple[str, ...]) -> ImportedRecipe:
         """The structure once it is reduced, with accelerometers where they sit."""
-        from dataclasses import replace
-
         assert self._reduced is not None
         law = self._reduced.damping if isinstance(self.damping, ModelDampingSpec) else self.damping.built()
-        mass = self.accelerometer_mass_g * 1e-3
-        return replace(self._reduced, damping=law, accelerometer_mass=mass, accelerometer_dofs=loaded)
+        return replace(self._reduced, damping=law, **self._sensors(loaded))
 
     def try_objects(self) -> None:
         """Nothing: its files are not read yet."""
 
     def _findings(self) -> Iterator[Finding]:
         for name in self.parts.keys() & self.bodies.keys():
-            yield Finding(
-                ("bodies", name), f'found the name "{name}", also that of a part', "one of its own", "rename it"
-            )
+            fault = f'found the name "{name}", also that of a part'
+            yield Finding(("bodies", name), fault, "one of its own", "rename it")

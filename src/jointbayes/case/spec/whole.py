@@ -382,12 +382,8 @@ def _sharing_findings(name: str, joint: NamedJointSpec, joints: Mapping[str, Nam
     loc, other = ("joints", name, "shared"), joints.get(joint.shared or "")
     if other is not None and (unlike := joint.unlike(other)):
         fault = f'found "{joint.shared}", a joint with another {" and ".join(unlike)}'
-        yield Finding(
-            loc,
-            fault,
-            "a joint of the same kind, directions, parametrisation and damping",
-            "make them alike or remove it",
-        )
+        expected = "a joint of the same kind, directions, parametrisation and damping"
+        yield Finding(loc, fault, expected, "make them alike or remove it")
     for what in ("prior", "initial"):
         if getattr(joint, what) is not None:
             fault = f'found a {what} with shared = "{joint.shared}"'

@@ -39,15 +39,10 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
     if published is not None:
         marks += f", published values (green, dashed; {inputs.reference_source})"
-    blocks.append(
-        Figure(
-            "corner",
-            f"Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
-            f"prior (grey, dotted), {marks}.{few}",
-            "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values.",
-            svg,
-        )
-    )
+    caption = "Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
+    caption += f"prior (grey, dotted), {marks}.{few}"
+    alt = "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values."
+    blocks.append(Figure("corner", caption, alt, svg))
     blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = region_level(posterior, reference)
@@ -159,21 +154,12 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
             ends = rounded_interval(named.interval95, named.interval95_error)
             cells = (ends, factor(named.ratio), number(named.sd_log))
         rows.append((named.quantity, *cells, verdicts[-1]))
-    dash = (
-        f"A dash: draws of both signs, or a one-sided limit at {LIMIT_LEVEL}."
-        if any("–" in row for row in rows)
-        else ""
-    )
+    dash = f"A dash: draws of both signs, or a one-sided limit at {LIMIT_LEVEL}." * any("–" in row for row in rows)
     ratio = "rho = k12/√(k11 k22). " if any("rho" in d.quantity for d in knowledge.directions) else ""
-    blocks.append(
-        Table(
-            "Combinations of the stiffnesses that are determined independently",
-            ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict"),
-            tuple(rows),
-            note=f"Computed from the draws, best known first, with the verdicts of single stiffnesses. {ratio}{dash}",
-            row_kinds=tuple(map(kind_of, verdicts)),
-        )
-    )
+    title = "Combinations of the stiffnesses that are determined independently"
+    head = ("Combination", "95 % interval (SI)", "Upper/lower end", "sd of its logarithm", "Verdict")
+    note = f"Computed from the draws, best known first, with the verdicts of single stiffnesses. {ratio}{dash}"
+    blocks.append(Table(title, head, tuple(rows), note=note, row_kinds=tuple(map(kind_of, verdicts))))
     blocks.append(_correlations(inputs.posterior))
     return ReportSection("known", "What is known, and what it assumes", tuple(blocks))
 
@@ -184,12 +170,8 @@ def _correlations(posterior: Posterior) -> Table:
     matrix = np.atleast_2d(np.corrcoef(posterior.theta.T))
     joint = labels[: len(posterior.problem.parametrisation.names)]
     rows = tuple((label, *(f"{matrix[i, j]:.2f}" for j in range(len(joint)))) for i, label in enumerate(labels))
-    return Table(
-        "Correlation of the draws",
-        ("", *joint),
-        rows,
-        note="Near 1 or −1 the data determine a combination of the two, not each by itself.",
-    )
+    note = "Near 1 or −1 the data determine a combination of the two, not each by itself."
+    return Table("Correlation of the draws", ("", *joint), rows, note=note)
 
 
 def freed_blocks(knowledge: Knowledge) -> list[Block]:
@@ -233,13 +215,10 @@ def _decides_blocks(decides: WhatDecides) -> list[Block]:
     rows = [("none", decides.exact), *((readable(name), sd) for name, sd in decides.alone.items())]
     rows += [("all of these", decides.together)]
     names = tuple(decides.exact)
-    table = Table(
-        "Effect of one uncertain input at a time",
-        ("Uncertain besides the joint", *(f"{name} known to" for name in names)),
-        tuple((what, *(spread_in_words(sd[name]) for name in names)) for what, sd in rows),
-        note="95 %, linearised at the mode by Fisher information; the input that matters most first.",
-        align="l" * (1 + len(names)),
-    )
+    head = ("Uncertain besides the joint", *(f"{name} known to" for name in names))
+    cells = tuple((what, *(spread_in_words(sd[name]) for name in names)) for what, sd in rows)
+    note = "95 %, linearised at the mode by Fisher information; the input that matters most first."
+    table = Table("Effect of one uncertain input at a time", head, cells, note=note, align="l" * len(head))
     return [Paragraph(decides.sentence), table]
 
 
@@ -268,23 +247,13 @@ def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
     others = [p.coordinate for p in knowledge.profiles if p.name not in summary.parameters]
     units = "".join(f"; {axis.name} {'has none' if axis.unit == '1' else f'in {axis.unit}'}" for axis in others)
     none = "None: the data set no limit within the prior's bounds. " if any("none" in row for row in rows) else ""
-    blocks: tuple[Block, ...] = (
-        Paragraph(
-            "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
-            f"so well. One end alone is a limit at {LIMIT_LEVEL}."
-        ),
-        Table(
-            "Likelihood-ratio limits at 95 %",
-            ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)"),
-            tuple(rows),
-            note=f"{none}Units as above{units}.",
-        ),
-        Figure(
-            "profiles",
-            "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
-            "dashed, the limit at 95 %.",
-            f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}.",
-            drawing.in_rows(drawing.draw_profiles, [p.on_axis for p in knowledge.profiles], **drawing.PROFILES),
-        ),
-    )
+    text = "The data can still be fitted up to these confidence limits with all else adjusted, however few joints fit "
+    text += f"so well. One end alone is a limit at {LIMIT_LEVEL}."
+    head = ("Parameter", "Lower limit", "Upper limit", "95 % credible interval (draws)")
+    table = Table("Likelihood-ratio limits at 95 %", head, tuple(rows), note=f"{none}Units as above{units}.")
+    caption = "Profile likelihood: the best fit for each value of a parameter, as ln of its ratio to the best of all; "
+    caption += "dashed, the limit at 95 %."
+    alt = f"Profile likelihood of {', '.join(p.name for p in knowledge.profiles)}."
+    svg = drawing.in_rows(drawing.draw_profiles, [p.on_axis for p in knowledge.profiles], **drawing.PROFILES)
+    blocks = (Paragraph(text), table, Figure("profiles", caption, alt, svg))
     return ReportSection("likelihood", "Likelihood-ratio limits", blocks)

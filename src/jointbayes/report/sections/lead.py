@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -298,15 +299,10 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
         note += f" {LIMIT_NOTE}"
     if every > most:
         note += f" The {most} known least of {every}: {_counts(answers[0].known)}; the section on stiffness has all."
-    return Table(
-        "Stiffness and damping of the joint" if damped else "Stiffness of the joint",
-        ("Quantity" if damped else "Stiffness", *(answer.title for answer in answers), "Of the prior"),
-        tuple(rows),
-        note=note,
-        row_kinds=tuple(kinds),
-        align="l" * (len(answers) + 2),
-        bars=tuple(map(tuple, bars)),
-    )
+    title = "Stiffness and damping of the joint" if damped else "Stiffness of the joint"
+    head = ("Quantity" if damped else "Stiffness", *(answer.title for answer in answers), "Of the prior")
+    drawn: dict[str, Any] = {"row_kinds": tuple(kinds), "bars": tuple(map(tuple, bars))}
+    return Table(title, head, tuple(rows), "l" * len(head), note, **drawn)
 
 
 def _counts(known: Mapping[str, Verdict]) -> str:

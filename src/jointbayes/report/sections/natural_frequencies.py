@@ -249,12 +249,8 @@ def joint_in_modes_section(inputs: TestInputs) -> ReportSection | None:
         "Undamped, at the MAP. The last columns: change of the natural frequency in per cent if this stiffness alone "
         "rose by 1 %."
     )
-    table = Table(
-        "Effect of the joint on natural frequencies",
-        (*head, *(f"{foreign(n)} +1 % (%)" for n in names)),
-        rows,
-        note=note,
-    )
+    whole = (*head, *(f"{foreign(n)} +1 % (%)" for n in names))
+    table = Table("Effect of the joint on natural frequencies", whole, rows, note=note)
     sentence = _sentence(modes, names, change)
     if not inputs.summary.check.explains and inputs.summary.fit.synthetic_data:
         sentence = f"{IF_MODEL_RIGHT.capitalize()}: {sentence[0].lower()}{sentence[1:]}"

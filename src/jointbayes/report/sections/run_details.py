@@ -20,9 +20,8 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
     every = len(estimate.starts)
     text = f"The best fit was found from {every - len(estimate.failed_starts)} of {every} starting points; "
     away = number(mode_distance(posterior), 2)
-    text += (
-        "none was better." if mode_agrees(posterior) else f"a draw leads to another, {away} standard deviations away."
-    )
+    missed = f"a draw leads to another, {away} standard deviations away."
+    text += "none was better." if mode_agrees(posterior) else missed
     if estimate.sentence:
         text += f" {estimate.sentence}"
     blocks: list[Block] = [Paragraph(text)]
@@ -43,23 +42,15 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
         named = listed_names([q.name for q in iterated])
         if len(iterated) < len(posterior.problem.quantities):
             text += " Quantities that do not act in that test stay at the first guess."
-        blocks += [
-            Paragraph(text),
-            Figure(
-                "iteration-norm",
-                "Norm of the residual FRF over the iteration, as in the paper's Fig. 7.",
-                f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps.",
-                drawing.draw_alone(drawing.draw_residual_norm, norm),
-            ),
-            Figure(
-                "iteration-stiffness",
-                "Stiffnesses over the iteration, as in the paper's Fig. 8.",
-                f"History of {named} over the iteration steps with the published values.",
-                drawing.in_rows(
-                    drawing.draw_histories, titles, history.stiffness_history[:, at], printed, **drawing.HISTORIES
-                ),
-            ),
-        ]
+        caption = "Norm of the residual FRF over the iteration, as in the paper's Fig. 7."
+        alt = f"Residual norm falls from {number(norm[0])} to {number(norm[-1])} in {history.steps} steps."
+        svg = drawing.draw_alone(drawing.draw_residual_norm, norm)
+        blocks += [Paragraph(text), Figure("iteration-norm", caption, alt, svg)]
+        caption = "Stiffnesses over the iteration, as in the paper's Fig. 8."
+        alt = f"History of {named} over the iteration steps with the published values."
+        shown = titles, history.stiffness_history[:, at], printed
+        svg = drawing.in_rows(drawing.draw_histories, *shown, **drawing.HISTORIES)
+        blocks.append(Figure("iteration-stiffness", caption, alt, svg))
     elif missing := missing_for_iteration(posterior.problem):
         blocks.append(Paragraph(f"**Left out**: {foreign(missing)}."))
     return ReportSection("starts", "Starting points and the paper's iteration", tuple(blocks))
@@ -97,23 +88,15 @@ def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
     for count, page in enumerate(pages, 1):
         suffix = "" if count == 1 else f"-{count}"
         these = "" if len(pages) == 1 else f" of {', '.join(names[page])}"
-        traces.append(
-            Figure(
-                f"traces{suffix}",
-                f"Traces{these} after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles "
-                "lie on top of each other and show no trend.",
-                "Traces of the coordinates for each ensemble over the kept draws.",
-                drawing.traces(names[page], theta[..., page], ensemble),
-            )
-        )
-        correlations.append(
-            Figure(
-                f"autocorrelation{suffix}",
-                f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers.",
-                "Autocorrelation of each coordinate against lag in steps, falling to zero.",
-                drawing.draw_alone(drawing.draw_autocorrelation, names[page], theta[..., page], thin),
-            )
-        )
+        caption = f"Traces{these} after burn-in: median and 95 % range of each ensemble's walkers. Converged ensembles "
+        caption += "lie on top of each other and show no trend."
+        alt = "Traces of the coordinates for each ensemble over the kept draws."
+        svg = drawing.traces(names[page], theta[..., page], ensemble)
+        traces.append(Figure(f"traces{suffix}", caption, alt, svg))
+        caption = f"Autocorrelation{these or ' of the kept draws'}, averaged over walkers."
+        alt = "Autocorrelation of each coordinate against lag in steps, falling to zero."
+        svg = drawing.draw_alone(drawing.draw_autocorrelation, names[page], theta[..., page], thin)
+        correlations.append(Figure(f"autocorrelation{suffix}", caption, alt, svg))
     return [*traces, *correlations]
 
 
@@ -121,15 +104,9 @@ def settings_section(inputs: ReportInputs) -> ReportSection:
     """Everything needed to repeat the run."""
     summary = inputs.summary
     versions = ", ".join(foreign(f"{name} {version}") for name, version in summary.record.versions.items())
-    case = "The case is in `case.toml`, its numbers in `summary.json`, both in this directory. " * bool(
-        inputs.case_text
-    )
-    return ReportSection(
-        "settings",
-        "Settings and versions",
-        (
-            *([] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]),
-            Paragraph(f"{case}Fingerprint of the data (SHA-256): `{summary.data_sha256}`. Versions: {versions}."),
-            *([] if inputs.case_text else [Code(str(inputs.posterior.problem), "text")]),
-        ),
-    )
+    stated = bool(inputs.case_text)
+    case = "The case is in `case.toml`, its numbers in `summary.json`, both in this directory. " * stated
+    text = f"{case}Fingerprint of the data (SHA-256): `{summary.data_sha256}`. Versions: {versions}."
+    mesh: list[Block] = [] if summary.mesh is None else [Paragraph(summary.mesh.sentence)]
+    blocks = (*mesh, Paragraph(text), *([] if stated else [Code(str(inputs.posterior.problem), "text")]))
+    return ReportSection("settings", "Settings and versions", blocks)

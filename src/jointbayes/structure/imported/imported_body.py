@@ -397,18 +397,7 @@ def reduce_to_ports(
     if drawn is not None:
         ends_of_lines = np.array([held.place(int(node)) for node in drawn[0]])
         outline = Outline(ends_of_lines, drawn[1], reduced.seen)
-    return ImportedRecipe(
-        reduced,
-        finer,
-        tuple(forms),
-        top_hz,
-        damping,
-        model.source,
-        model.n_dofs,
-        model.size,
-        {name: tuple(place.tolist()) for name, place in places.items() if place is not None},
-        accelerometer_mass=accelerometer_mass,
-        accelerometer_dofs=tuple(accelerometer_dofs),
-        outline=outline,
-        corners=model.corners,
-    )
+    placed = {name: tuple(place.tolist()) for name, place in places.items() if place is not None}
+    of_model = model.source, model.n_dofs, model.size, placed, outline, model.corners
+    recipe = ImportedRecipe(reduced, finer, tuple(forms), top_hz, damping, *of_model)
+    return replace(recipe, accelerometer_mass=accelerometer_mass, accelerometer_dofs=tuple(accelerometer_dofs))

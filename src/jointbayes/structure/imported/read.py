@@ -140,18 +140,9 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
     scale = np.where((rows[:, 1] >= 1) & (rows[:, 1] <= 3), 1 / length, 1.0)
     turn = sparse.diags_array(scale)
     whole = {role: energy * (turn @ matrix[kept][:, kept] @ turn) for role, matrix in whole.items()}
-    model = FeModel(
-        whole["stiffness"],
-        whole["mass"],
-        rows,
-        found.nodes,
-        found.places * length,
-        whole.get("damping"),
-        edges=found.edges,
-        source=str(main),
-        notes=tuple(notes),
-        rounding=rounding,
-    )
+    matrices, damping = (whole["stiffness"], whole["mass"]), whole.get("damping")
+    model = FeModel(*matrices, rows, found.nodes, found.places * length, damping, edges=found.edges, source=str(main))
+    model = replace(model, notes=tuple(notes), rounding=rounding)
     with np.errstate(all="ignore"):  # of damaged numbers
         further = require_own_axes(model)
         _require_sane_units(model, unit)
