@@ -137,13 +137,8 @@ def _as_layout(_context: click.Context, _option: click.Parameter, values: tuple[
     return {key.strip(): name.strip() for key, _, name in pairs}
 
 
-layout_option = click.option(
-    "--layout",
-    multiple=True,
-    metavar="KEY=NAME",
-    callback=_as_layout,
-    help="What a variable of the file stands for, as [data.layout] says it; may be repeated.",
-)
+_LAYOUT = "What a variable of the file stands for, as [data.layout] says it; may be repeated."
+layout_option = click.option("--layout", multiple=True, metavar="KEY=NAME", callback=_as_layout, help=_LAYOUT)
 
 
 def load(config: Path) -> "Case":

@@ -92,15 +92,8 @@ def predict(posterior: Path, other: Path, out: Path | None, test: str | None) ->
     asked = read_other(other, manner().allow_outside)
     loaded = load_posterior(source)
     show_stage(Progress("predicting", f"{len(asked.ports.frequency_hz)} lines"))
-    found = loaded.predict(
-        asked.recipe,
-        asked.ports,
-        asked.joint,
-        uncertain=asked.uncertain,
-        own=asked.own,
-        quantity=asked.quantity,
-        test=test,
-    )
+    stated: dict[str, Any] = {"uncertain": asked.uncertain, "own": asked.own, "quantity": asked.quantity}
+    found = loaded.predict(asked.recipe, asked.ports, asked.joint, test=test, **stated)
     if asked.lobes is not None:
         show_stage(Progress("predicting the stability lobes", f"{asked.lobes.teeth} teeth"))
     lobes = predict_lobes(loaded, asked, test)

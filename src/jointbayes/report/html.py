@@ -60,22 +60,16 @@ def render_html(report: Report) -> str:
     if interactive:
         styles.insert(0, _asset("assets/uPlot.min.css"))
         scripts.insert(0, _asset("assets/uPlot.iife.min.js"))
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
+    strict = jinja2.StrictUndefined
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=strict)
     environment.filters.update(rich=_rich, plain=plain, clean=clean, data_uri=_data_uri, payload=_payload)
     environment.globals.update(badge=badge, guide_of=guide_of, symbols=SYMBOLS, spoken=_SPOKEN)
-    return environment.from_string(_asset("templates/report.html.j2")).render(
-        report=report,
-        figure_number=count(1).__next__,
-        table_number=count(1).__next__,
-        styles=[Markup(text) for text in styles],
-        scripts=[Markup(text) for text in scripts],
-        policy=(
-            f"default-src 'none'; script-src {_hashes(scripts)}; style-src {_hashes(styles)}; "
-            "img-src data:; base-uri 'none'; form-action 'none'"
-        ),
-    )
+    policy = f"default-src 'none'; script-src {_hashes(scripts)}; style-src {_hashes(styles)}; "
+    policy += "img-src data:; base-uri 'none'; form-action 'none'"
+    numbers = {"figure_number": count(1).__next__, "table_number": count(1).__next__}
+    assets = {"styles": list(map(Markup, styles)), "scripts": list(map(Markup, scripts))}
+    template = environment.from_string(_asset("templates/report.html.j2"))
+    return template.render(report=report, policy=policy, **numbers, **assets)
 
 
 def _asset(name: str) -> str:

@@ -126,26 +126,17 @@ def render_pdf(report: Report) -> bytes:
     template = files("jointbayes.report").joinpath("templates/report.typ").read_bytes()
     # The clock of the machine must not leak into the file, so time starts on the day of the report.
     midnight = datetime.datetime.combine(report.date, datetime.time(), tzinfo=datetime.UTC)
-    compile_pdf = partial(
-        typst.compile_with_warnings,
-        template,
-        ignore_system_fonts=True,
-        format="pdf",
-        sys_inputs={"data": json.dumps(_data(report), ensure_ascii=False)},
-        timestamp=int(midnight.timestamp()),
-    )
+    options: dict[str, Any] = {"ignore_system_fonts": True, "format": "pdf", "timestamp": int(midnight.timestamp())}
+    options["sys_inputs"] = {"data": json.dumps(_data(report), ensure_ascii=False)}
+    compile_pdf = partial(typst.compile_with_warnings, template, **options)
     try:
         pdf, complaints = compile_pdf(pdf_standards=["ua-1"])
     except typst.TypstError as error:
         if _NO_GLYPH not in error.message:
             raise
         # A name in a script without an embedded font must not cost the user the whole report.
-        warnings.warn(
-            f"PDF report: {error.message}; such characters are boxes in this PDF, which therefore does not "
-            "claim PDF/UA; the HTML report shows them",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+        message = f"PDF report: {error.message}; such characters are boxes in this PDF, which therefore does not claim "
+        warnings.warn(f"{message}PDF/UA; the HTML report shows them", RuntimeWarning, stacklevel=2)
         pdf, complaints = compile_pdf()
     for complaint in complaints:
         message = "; ".join([complaint.message, *complaint.hints])

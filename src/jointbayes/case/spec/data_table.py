@@ -271,12 +271,7 @@ _MEASURED_QUANTITY = key_field(
 _SENSORS = key_field('"fixed" (all sensors stay on) or "roving" (one sensor moves from output to output)', "fixed")
 _EXCLUDED = key_field("a list of bands [lowest, highest] in Hz whose lines are left out", [[49.5, 50.5]])
 _CONJUGATE = key_field("true (the FRFs have the time factor exp(-i omega t)) or false (exp(+i omega t))", True)
-_TAU = Field(
-    gt=0,
-    le=1000,
-    description="the time constant in s of an exponential window on force and response, above 0 and at most 1000",
-    examples=[0.25],
-)
+_TAU_TEXT = "the time constant in s of an exponential window on force and response, above 0 and at most 1000"
 _VARIANCE = Field(description="the variance of the FRFs: source")
 _FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 
@@ -293,7 +288,7 @@ class MeasuredSpec(DataTable):
     f_max_hz: float | None = positive("the highest frequency used in Hz", 2500.0, None)
     exclude_hz: Annotated[ListOf[Annotated[_Band, Strict(False)]], max_length(1000), _EXCLUDED] = ()
     conjugate: Annotated[bool, _CONJUGATE] = False
-    exponential_tau_s: Annotated[float | None, _TAU] = None
+    exponential_tau_s: float | None = key_field(_TAU_TEXT, 0.25, None, gt=0, le=1000)
     thin: int | None = count_field("every how many lines one is kept", 2, 1, 10_000, default=None)
     accelerometers: Annotated[Literal["fixed", "roving"], _SENSORS] = "fixed"
     channels: dict[str, Annotated[ChannelSpec, BeforeValidator(_channel_table)]] = key_field(

@@ -367,9 +367,7 @@ class ModelErrorSpec(Spec):
         return inference.ErrorSizes(*single, self.edge_error, self.spring_error, self.spring_factor)
 
 
-_MODEL_ERROR = Field(
-    description="errors of the model in modes: of each for itself, of a clamp's edge, of springs that are not modelled"
-)
+_MODEL_ERROR = "errors of the model in modes: of each for itself, of a clamp's edge, of springs that are not modelled"
 
 
 class UncertainSpec(Spec):
@@ -389,7 +387,7 @@ class UncertainSpec(Spec):
     accelerometer_mass: FactorPriorSpec | None = _uncertain("the mass of the accelerometers", default=None)
     gain: FactorPriorSpec | None = _uncertain("the gain of the measurement, 1 by itself", default=None)
     bodies: Annotated[dict[str, BodyUncertainSpec], _BODIES] = {}  # noqa: RUF012 (pydantic copies it)
-    model_error: Annotated[ModelErrorSpec | None, _MODEL_ERROR] = None
+    model_error: ModelErrorSpec | None = table_field(_MODEL_ERROR, None)
     exact: Annotated[ListOf[_Usual], _EXACT] = ()
 
     def _findings(self) -> Iterator[Finding]:
@@ -424,13 +422,8 @@ _AGAINST = key_field("no DOF (joint to ground) or as many as dofs, those of the 
 _LOG, *_ = COORDINATES
 _COUPLED, *_ = KINDS
 _OFFSET = key_field("the way from the DOFs' point to the joint's in mm, three numbers x, y, z", [25.0, 0.0, 0.0])
-_PARAMETRISATION = key_field(
-    either(
-        f'"{key}" ({", ".join(f"ln {axis.name}" if axis.logarithmic else axis.name for axis in axes)})'
-        for key, axes in COORDINATES.items()
-    ),
-    _LOG,
-)
+_IN_TEXT = {key: ", ".join("ln " * a.logarithmic + a.name for a in axes) for key, axes in COORDINATES.items()}
+_PARAMETRISATION = key_field(either(f'"{key}" ({axes})' for key, axes in _IN_TEXT.items()), _LOG)
 _PARAMETRISATIONS = tuple(COORDINATES)
 ParametrisationName = Literal[_PARAMETRISATIONS]  # type: ignore[valid-type]
 KindName = Literal[KINDS]  # type: ignore[valid-type]

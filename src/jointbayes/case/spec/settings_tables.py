@@ -119,12 +119,7 @@ def _ratio(of: str, example: float, **default: Any) -> Any:  # noqa: ANN401
     return Field(**default, gt=1, description=what, examples=[example])
 
 
-_CONTRACTION = Field(
-    gt=0,
-    lt=1,
-    description="the least share of the prior's variance removed, a number greater than 0 and below 1",
-    examples=[0.6],
-)
+_CONTRACTION = "the least share of the prior's variance removed, a number greater than 0 and below 1"
 
 
 class VerdictSpec(Spec):
@@ -132,7 +127,7 @@ class VerdictSpec(Spec):
 
     identified: float = _ratio("an identified", 1.02, default=RULE.identified)
     weakly_identified: float = _ratio("a weakly identified", 2.0, default=RULE.weakly_identified)
-    contraction: Annotated[float, _CONTRACTION] = RULE.contraction
+    contraction: float = key_field(_CONTRACTION, 0.6, RULE.contraction, gt=0, lt=1)
 
 
 def _changes(of: str, **default: Any) -> Any:  # noqa: ANN401
@@ -231,9 +226,7 @@ class NoiseModelSpec(Spec):
     }
 
     distribution: Distribution = key_field(f"the distribution of the residuals, {_NAMES}", "gaussian", "gaussian")
-    dof: float = Field(
-        default=4.0, gt=2, description="the degrees of freedom of student_t, a number above 2", examples=[4.0]
-    )
+    dof: float = key_field("the degrees of freedom of student_t, a number above 2", 4.0, 4.0, gt=2)
     scale: Annotated[Literal["known", "sampled", "integrated"], _SCALE] = "known"
     scale_low_factor: Annotated[float, _SCALE_LOW] = 0.1
     scale_high_factor: Annotated[float, _SCALE_HIGH] = 10.0

@@ -452,8 +452,8 @@ class ChainSpec(_RowsSpec):
     """The structure without its joints: masses that move along one line, with springs between them."""
 
     kind: Annotated[Literal["chain"], KIND]
-    masses_kg: Annotated[dict[str, Positive], max_length(_MOST_MASSES)] = Field(
-        description="the masses in kg, each by its name or number", min_length=1
+    masses_kg: Annotated[dict[str, Positive], max_length(_MOST_MASSES)] = table_field(
+        "the masses in kg, each by its name or number", min_length=1
     )
     springs: Annotated[ListOf[SpringSpec], max_length(_MOST)] = table_field("a list of springs", ())
     direction: Direction = key_field("the direction of the DOFs", "x", "x")
