@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -140,9 +141,9 @@ def _model(main: Path, whole: dict[str, Sparse], rows: Indices, found: Exported,
     scale = np.where((rows[:, 1] >= 1) & (rows[:, 1] <= 3), 1 / length, 1.0)
     turn = sparse.diags_array(scale)
     whole = {role: energy * (turn @ matrix[kept][:, kept] @ turn) for role, matrix in whole.items()}
-    matrices, damping = (whole["stiffness"], whole["mass"]), whole.get("damping")
-    model = FeModel(*matrices, rows, found.nodes, found.places * length, damping, edges=found.edges, source=str(main))
-    model = replace(model, notes=tuple(notes), rounding=rounding)
+    k, m, damping, places = whole["stiffness"], whole["mass"], whole.get("damping"), found.places * length
+    said: dict[str, Any] = {"source": str(main), "notes": tuple(notes), "rounding": rounding}
+    model = FeModel(k, m, rows, found.nodes, places, damping, edges=found.edges, **said)
     with np.errstate(all="ignore"):  # of damaged numbers
         further = require_own_axes(model)
         _require_sane_units(model, unit)
