@@ -22,18 +22,8 @@ from jointbayes.joint import AnyJoint, joints_of
 from jointbayes.phrases import listed
 from jointbayes.posterior import OtherStructure, Posterior
 from jointbayes.report.canvas import panels, svg
-from jointbayes.report.markup import foreign
-from jointbayes.report.model import (
-    SERIES_COLOURS,
-    Block,
-    Callout,
-    Figure,
-    Kind,
-    Paragraph,
-    Report,
-    ReportSection,
-    Table,
-)
+from jointbayes.report.markup import Kind, foreign
+from jointbayes.report.model import SERIES_COLOURS, Block, Callout, Figure, Paragraph, Report, ReportSection, Table
 from jointbayes.report.run_directory import json_text
 from jointbayes.report.sections.fit_to_data import frf_unit
 from jointbayes.rounding import json_ready, number
