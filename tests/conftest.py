@@ -28,7 +28,7 @@ from jointbayes.frf import AnyStructure
 from jointbayes.identification import MapEstimate, ModeSearch
 from jointbayes.inference import Likelihood, LogPosterior, Problem, Test, likelihood_of
 from jointbayes.joint import AnyJoint, Joint, LogStiffness
-from jointbayes.posterior import Posterior, knowledge
+from jointbayes.posterior import Posterior, gather_knowledge, knowledge
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, drawing, run_directory
@@ -295,7 +295,9 @@ def cheap_posterior(cheap_case: Case) -> Posterior:
 @pytest.fixture(scope="session")
 def cheap_inputs(cheap_case: Case, cheap_posterior: Posterior) -> ReportInputs:
     """What its report is written from, with the effect of usual uncertainties; nobody may change it."""
-    return ReportInputs(of_case(cheap_posterior, workshop_problem=cheap_case.workshop_problem))
+    gather_knowledge(cheap_posterior)  # found once, for the posterior by itself too
+    stated = of_case(cheap_posterior, workshop_problem=cheap_case.workshop_problem)
+    return ReportInputs(judged_as(stated, cheap_posterior))
 
 
 @pytest.fixture(scope="session")

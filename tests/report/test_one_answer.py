@@ -20,7 +20,17 @@ from jointbayes.report.export import central_joint, export
 from jointbayes.report.model import FrfPlot
 from jointbayes.workflow import AS_ASKED
 from tests.case.test_several_tests import BASE, CLAMP_EDGE, TWO
-from tests.conftest import CONFIGS, TABLE_3, TO_CONVERGE, cheap_text, edited, on_one_line, shipped_text
+from tests.conftest import (
+    CONFIGS,
+    TABLE_3,
+    TO_CONVERGE,
+    cheap_text,
+    edited,
+    judged_as,
+    on_one_line,
+    shipped_text,
+    unsettled,
+)
 from tests.posterior.test_decision import of_another_truth
 from tests.posterior.test_knowledge import WRONG_LENGTH
 from tests.report.conftest import DATE, made_up
@@ -51,9 +61,20 @@ def of_text(name, text):
     return jb.sample(jb.case_from_text(name, text, directory=CONFIGS), seed=1, settings=TO_CONVERGE)
 
 
+def of_cheap(get, text=""):
+    """The draws of the cheap case, with what was found of them, as one of another text."""
+    posterior = get("cheap_posterior")
+    if text:
+        case = jb.case_from_text("rule", text)
+        posterior = replace(
+            posterior, case=case, record=replace(posterior.record, case_name="rule", case_text=case.text)
+        )
+    return judged_as(replace(posterior), get("cheap_inputs").posterior)
+
+
 #: Runs of which every surface is read; of some the draws are made up about a joint, which costs no sampling.
 RUNS = {
-    "computed": lambda get: replace(get("cheap_posterior")),
+    "computed": lambda get: of_cheap(get),
     "measured, by modes": lambda get: by_modes(get("cheap_case")),
     "measured, as they are": lambda get: of_frfs(get("cheap_case")),
     "typed frequencies": lambda get: replace(get("frequency_posterior")),
@@ -63,8 +84,8 @@ RUNS = {
     "several tests": lambda _: made_up("tests", BASE + CLAMP_EDGE + TWO, TABLE_3),
     "measured body": lambda _: made_up("spindle", shipped_text("spindle_measured"), (6e8, 1.2e6, 2e8, 1e5)),
     "free structure": lambda _: made_up("bolts", shipped_text("lapped_beams"), (8e7, 3e8, 1.2e4)),
-    "its own rule": lambda _: of_text("rule", f"{cheap_text()}[verdict.k22]\nidentified = 1.0001\n"),
-    "not settled": lambda get: jb.sample(get("cheap_case"), seed=1, settings=jb.SamplerSettings(max_steps=100)),
+    "its own rule": lambda get: of_cheap(get, f"{cheap_text()}[verdict.k22]\nidentified = 1.0001\n"),
+    "not settled": lambda get: judged_as(unsettled(get("cheap_posterior")), get("cheap_inputs").posterior),
     "damped joint": lambda _: made_up("dampers", shipped_text("rotor_dampers"), (1e6, 3e3)),
 }
 #: What of a posterior gives a median, an interval or a verdict of a stiffness: the test below reads all of it.
