@@ -123,6 +123,17 @@ def test_ends_and_integral_are_those_of_a_grid(name):
         assert abs(found.log_z - log_z) < 5 * found.log_z_error + 1e-3
 
 
+def test_shares_of_two_modes_apart_are_right():
+    """By the grid, not by the widths that made them: the factors are close to 0.77 and 0.23."""
+    sheet = SHEETS["two modes"]
+    y = np.linspace(-8, 8, 200_001)
+    height = np.exp(-0.5 * ((y**2 - 9) / np.where(y > 0, 1.54, 0.46)) ** 2)
+    share = height[y > 0].sum() / height.sum()
+    assert share == pytest.approx(0.77, abs=0.005)
+    for seed in (1, 2, 3):
+        assert (found_of(sheet, seed).theta[:, 1] > 0).mean() == pytest.approx(share, abs=0.03)
+
+
 def test_a_thin_mode_has_its_share():
     """All climbs to it end at one point, which must make one long kernel and not many short ones."""
     thickness = 0.0031

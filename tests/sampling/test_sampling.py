@@ -280,6 +280,12 @@ class TestReproducibility:
         np.testing.assert_array_equal(start, before)
         assert start.flags.writeable
 
+    def test_ensembles_draw_from_different_streams(self):
+        start = np.broadcast_to(np.random.default_rng(0).normal(size=(8, 2)), (4, 8, 2))
+        settings = SamplerSettings(walkers=8, max_steps=100, check_every=50)
+        last = run_ensembles(gaussian, start, np.random.default_rng(1), settings).theta[:, -1]
+        assert not (last[0] == last[1:]).any()
+
 
 class TestRun:
     def test_stops_by_the_rule_and_reports_progress_after_each_block(self, capsys):
@@ -346,6 +352,31 @@ class TestRun:
         arrays = [one.theta, one.log_density, one.acceptance, one.tau, one.r_hat]
         arrays += [getattr(one.draws(), name) for name in ("theta", "log_density", "ensemble")]
         assert not any(array.flags.writeable for array in arrays)
+
+    @pytest.mark.science
+    def test_ensemble_stuck_in_another_mode_is_not_converged(self):
+        def two_modes(theta):
+            return np.logaddexp(-0.5 * np.sum((theta - 50.0) ** 2, axis=1), gaussian(theta))
+
+        start = np.random.default_rng(0).normal(size=(4, 8, 2))
+        start[3] += 50.0
+        settings = SamplerSettings(walkers=8, max_steps=2000)
+        chains = run_ensembles(two_modes, start, np.random.default_rng(1), settings)
+        assert not chains.converged
+        assert chains.r_hat.max() > 1.3
+        assert "R̂ = " in chains.reason
+
+    def test_walkers_that_cannot_move_are_not_converged(self):
+        places = np.random.default_rng(0).normal(size=(4, 8, 2))
+        allowed = {tuple(place) for place in places.reshape(-1, 2)}
+
+        def only_there(theta):
+            return np.array([0.0 if tuple(point) in allowed else -np.inf for point in theta])
+
+        chains = run_ensembles(only_there, places, np.random.default_rng(1), SHORT)
+        np.testing.assert_array_equal(chains.acceptance, 0.0)
+        assert not chains.converged
+        assert "τ = " in chains.reason
 
 
 START = np.random.default_rng(0).normal(size=(4, 8, 2))

@@ -101,6 +101,21 @@ def test_of_one_mode_nothing_changes():
     assert "between modes" in {move.name for move in weighted_moves(Identity(), several)}
 
 
+@pytest.mark.science
+@pytest.mark.parametrize("efficiency", [None, 0.0], ids=["fitted proposal", "the jump alone"])
+def test_a_run_has_the_shares_of_the_modes(efficiency):
+    settings = SamplerSettings(walkers=16, max_steps=3000, tau_factor=50)
+    rng = np.random.default_rng(3)
+    proposal = fit_each_mode(two_gaussians, [Identity()], STARTS, None, rng)
+    if efficiency is not None:  # no independence move: what carries walkers is the jump
+        proposal = replace(proposal, efficiency=efficiency)
+    start = starting_walkers(STARTS, anywhere, settings, rng, proposal.shares)
+    chains = run_ensembles(two_gaussians, start, rng, settings, coordinates=Identity(), proposal=proposal)
+    assert chains.converged
+    theta = chains.draws(thinned=False).theta
+    assert (theta[..., 0] < 4).mean() == pytest.approx(SHARE, abs=0.02)
+
+
 @pytest.mark.whole
 def test_a_proposal_is_fitted_anew_to_the_draws_of_each_mode():
     starts = [(np.array([4.0, -4.0]), 0.01 * np.eye(2)), (np.array([-4.0, 4.0]), 0.01 * np.eye(2))]
