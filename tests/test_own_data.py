@@ -167,7 +167,7 @@ def test_data_without_a_likelihood_are_refused(problem):
 
 
 @pytest.mark.docs
-def test_nothing_asks_which_kind_of_data_or_of_their_table_it_is():
+def test_nothing_but_the_whole_case_asks_which_kind_of_data_or_of_their_table_it_is():
     tables = ("SyntheticFrf", "NaturalFrequencies", "Modes", "Measured", "MeasuredFrf", "MeasuredFrequencies")
     kinds = {"FrfData", "FrequencyData", "ModalData", "ModeData", *(f"{table}Spec" for table in tables)}
     asked = []
@@ -176,7 +176,7 @@ def test_nothing_asks_which_kind_of_data_or_of_their_table_it_is():
             name = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id
             if (
                 name in ("isinstance", "issubclass")
-                and {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} & kinds
+                and {getattr(part, "id", getattr(part, "attr", "")) for part in ast.walk(node)} & kinds
             ):
-                asked.append(f"{path.relative_to(ROOT)}:{node.lineno}")
-    assert asked == []
+                asked.append(path.relative_to(ROOT).as_posix())
+    assert asked == 2 * ["src/jointbayes/case/spec/whole.py"]  # where a whole case says which table it has

@@ -98,7 +98,7 @@ def recipe_of(
     spec: structure_tables.StructureBase, data: DataTable, measurement: Data | None = None
 ) -> StructureRecipe:
     """The structure of a case; accelerometers sit where translations are measured, as files or the case say."""
-    if not isinstance(data, MeasuredSpec):
+    if not data.in_files:
         return spec.recipe(data.loaded)
     loaded = measurement.provenance.loaded if measurement and measurement.provenance else ()
     return spec.recipe(tuple(label for label in loaded if spec.absent(label) is None))

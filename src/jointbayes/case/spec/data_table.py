@@ -282,6 +282,7 @@ _Band = tuple[Annotated[float, Field(ge=0)], Positive]
 class MeasuredSpec(DataTable):
     """What all data from files have: the files, what their channels stand for, and the lines that are used."""
 
+    in_files: ClassVar[bool] = True
     file: Annotated[ListOf[_FileName], Field(min_length=1), BeforeValidator(to_list), max_length(MOST_FILES), _FILE]
     quantity: Annotated[Literal["receptance", "mobility", "accelerance"] | None, _MEASURED_QUANTITY] = None
     f_min_hz: float | None = positive("the lowest frequency used in Hz", 20.0, None)

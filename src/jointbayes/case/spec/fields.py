@@ -501,8 +501,9 @@ class Spec(BaseModel):
 class DataTable(Spec):
     """A `[data]` table: what is asked of all of them, so that nobody asks of which kind one is."""
 
-    #: Whether the data are FRFs.
+    #: Whether the data are FRFs, and whether they are in measurement files.
     frfs: ClassVar[bool] = False
+    in_files: ClassVar[bool] = False
 
     @property
     def labelled(self) -> Mapping[KeyPath, tuple[str, ...]]:
