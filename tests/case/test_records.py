@@ -44,10 +44,18 @@ def loaded(folder: Path, records: str, variance: str = VARIANCE) -> jb.Case:
     return jb.load_case(path)
 
 
-def k22_of(case: jb.Case) -> tuple[float, float]:
-    """Mode of ln k22 relative to the truth, and its Laplace standard deviation."""
-    estimate = best_of(case.problem.log_posterior, {"published": TABLE_3})
-    return float(np.log(estimate.values[2] / TABLE_3[2])), float(np.sqrt(estimate.covariance[2, 2]))
+def require_the_joint(case: jb.Case) -> None:
+    """The published joint fits nearly as well as the best one, and the data know k22.
+
+    Seeds 1 to 8 of the noise have 2 Δ ln L of 0.5 to 8.5; k22 at the mode, often at the edge of possible joints, is
+    there up to 3.4 % off, many of Laplace's standard deviations.
+    """
+    log_posterior, best = case.problem.log_posterior, best_of(case.problem.log_posterior, {"published": TABLE_3})
+    joint = case.problem.prior.parametrisation.coordinates(TABLE_3)
+    truth = np.concatenate([joint, best.theta[len(joint) :]])
+    here, there = log_posterior(np.array([best.theta, truth]))
+    assert 2 * (here - there) < 16.3  # 99.9 % of χ² with three degrees of freedom
+    assert np.sqrt(best.covariance[2, 2]) < 0.05
 
 
 def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
@@ -58,9 +66,7 @@ def test_hammer_records_become_frfs_and_find_the_joint(tmp_path):
     assert any(
         "Left out of the hits on Point:5:Y+" in n and "double" in n for n in case.problem.test.data.provenance.notes
     )
-    off, sd = k22_of(case)
-    assert abs(off) < 4 * sd
-    assert sd < 0.05
+    require_the_joint(case)
 
 
 def recording(path: Path, gap_s: float) -> None:
@@ -91,9 +97,7 @@ def test_hits_need_no_more_than_a_channel_map_and_a_band(tmp_path, gap_s):
     assert notes[0].startswith("FRFs were made of the hits of a hammer, H1, ")
     assert ("blocks of" in notes[0]) == bool(gap_s)
     assert case.problem.test.data.provenance.variance.startswith("from the coherence of")
-    off, sd = k22_of(case)
-    assert abs(off) < 4 * sd
-    assert sd < 0.05
+    require_the_joint(case)
 
 
 def test_a_force_of_no_hammer_needs_to_be_told_how(tmp_path):
