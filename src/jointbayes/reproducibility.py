@@ -56,7 +56,7 @@ def _controller() -> "ThreadpoolController":
 def code_version() -> str:
     """Version of this package with a fingerprint of its sources and those of vibrecords, as installed on this machine.
 
-    Two that differ in a line may compute other numbers, whatever number they call themselves.
+    Two that differ in a line may compute other numbers, also under one version number.
     """
     digest = hashlib.sha256()
     for sources in (Path(__file__).parent, Path(vibrecords.__file__).parent):

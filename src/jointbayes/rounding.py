@@ -84,7 +84,7 @@ def _split(value: float, error: float) -> tuple[int, int]:
 def engineering(values: Sequence[float], unit: str, errors: Sequence[float] = ()) -> tuple[tuple[str, ...], str]:
     """Format the numbers of a row, such as a median and its interval, with one prefix: GN/m, MN·m/rad, kN·s/m.
 
-    The prefix is that of the first number, so state the median first; only units of a force have one, and m/N is
+    The prefix fits the first number, so state the median first; only units of a force have one, and m/N is
     printed in nm/N. Each number shows
     the digits that its error supports, with zeros for the places that it does not. Where a number would be below 0.0001
     or above 99999 with that prefix, all of the row are powers of ten in the unit without a prefix.

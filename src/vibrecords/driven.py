@@ -15,7 +15,7 @@ def driven_lines(coherence: Array, noise: Array) -> slice:
     """Lines from the first to the last that were driven.
 
     Outside these no stretch of the lines has a median of 0.5 and no three lines, as of one mode, a mean of 0.8.
-    An end is left out only if it is longer than a stretch and its noise over the force five times that of the rest:
+    An end is left out only if it is longer than a stretch and its noise over the force five times the rest's:
     else it is the response that is small. The median of what is left must be 0.9: other FRFs are too noisy.
 
     Parameters

@@ -30,7 +30,7 @@ def printable(text: str, keep: str = "") -> str:
     text
         Any text: a file's name, a label in a file.
     keep
-        Characters that stay whatever they are.
+        Characters that stay as they are.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def printable(text: str, keep: str = "") -> str:
 class UserError(Exception):
     """Base of every error that a user's input can cause; a command prints it and exits 2.
 
-    As text it is one line that is safe on a terminal, whatever names of files and channels are in it. What refuses its
+    As text it is one line that is safe on a terminal, with any names of files and channels in it. What refuses its
     fields says by `key` which one is to blame, and by `words` what was found, what is expected and what to do, so that
     whoever read that field from a file can put file, line and key in front of them.
     """

@@ -1,6 +1,6 @@
 """Files and directories that are ours, and whole or not there, also where the disk is full or the process is killed.
 
-`whole_file` and `whole_directory` write beside the target under a name that nobody can guess, force it to the disk and
+`whole_file` and `whole_directory` write next to the target under a name that none can guess, force it to the disk and
 rename it. `OwnDirectory` is marked as ours, and locked by one process at a time. Neither follows a link, and nothing
 foreign is removed.
 """
@@ -36,7 +36,7 @@ LOCK = "lock"
 #: Names of what is being written; a process that is alive holds a lock on it. Of a directory it is the lock alone, and
 #: the directory of the same name with this ending goes before it.
 _SCRATCH, _SPACE = re.compile(r"\..*\.[0-9a-f]{8}\.jointbayes", re.DOTALL), ".d"
-_NAME, _HEAD = 100, 200  # characters of the target's name in that of its scratch file, of a mark or lock that are read
+_NAME, _HEAD = 100, 200  # characters of the target's name in its scratch file's, of a mark or lock that are read
 _NO_LINK = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_CLOEXEC", "O_BINARY", "O_NONBLOCK"))
 _NOT_REGULAR = (errno.ELOOP, errno.EMLINK, errno.EISDIR, errno.ENXIO)
 _swept: set[str] = set()  # directories in which this process has swept
@@ -54,7 +54,7 @@ class OwnDirectory:
     kind
         What it holds, for the mark and for messages: ``"a campaign"``.
     private
-        Whether nobody else may look into it.
+        Whether others may not look into it.
 
     Raises
     ------
@@ -150,7 +150,7 @@ class OwnDirectory:
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], size: int | None = None) -> Iterator[Path]:
-    """Have a file written beside the target, force it to the disk and rename; what was there before stays until then.
+    """Have a file written next to the target, force it to the disk and rename; what was there before stays until then.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def write_whole_file(path: str | os.PathLike[str], content: bytes | memoryview) 
 
 @contextmanager
 def whole_directory(target: Path) -> Iterator[Path]:
-    """Have a directory written beside the target, and put it there at one stroke where the system can exchange names.
+    """Have a directory written next to the target, and put it there at one stroke where the system can exchange names.
 
     Else the older one is moved aside first; it comes back if anything fails, at the latest as the next process sweeps.
 
@@ -230,7 +230,7 @@ def _swapped_at_once(first: Path, second: Path) -> bool:
 
 @contextmanager
 def scratch_file(target: Path) -> Iterator[Path]:
-    """Make an empty file beside a target, locked, which goes when the body ends, if it has its name still.
+    """Make an empty file next to a target, locked, which goes when the body ends, if it has its name still.
 
     Yields
     ------
@@ -269,7 +269,7 @@ def _remove(scratch: Path) -> None:
 def sweep(folder: Path, *, once: bool = False) -> None:
     """Remove what processes that died while they wrote into a directory have left there.
 
-    What a process that is alive writes is locked by it and stays, whatever machine or container it runs in. An older
+    What a process that is alive writes is locked by it and stays, on any machine or in any container. An older
     directory that was moved aside, and whose place is empty, comes back.
 
     Parameters

@@ -227,7 +227,7 @@ class MeasurementPlan:
     variance
         None leaves it open; FRFs that are data need it.
     quantity
-        What the FRFs are, whatever the file says; None takes the file's word.
+        What the FRFs are, against what the file says; None takes the file's word.
     f_min_hz, f_max_hz
         Band of the lines that are used.
     exclude_hz

@@ -137,7 +137,7 @@ class PoleReview:
             by_frf = losses[:, i]
             if by_frf.size > 1 and (by_frf > price / by_frf.size).sum() < 2 and by_frf.max() < _IN_ONE_FRF * price:
                 reasons[i] = f"only one of {by_frf.size} FRFs shows it, and hardly"
-        # 3. modes that hardly stand beside another: no test shows two so unlike that are both true
+        # 3. modes that hardly stand next to another: no test shows two so unlike that are both true
         height = np.abs(problem.residues(self.poles)) * self.frequency_hz / self.width_hz
         modes = np.array([not reason for reason in reasons])
         for pole in np.flatnonzero(modes).tolist():
@@ -217,7 +217,7 @@ class PoleReview:
         """Whether what a pole adds to the FRFs at its lines may be chance, by the scatter over the averages there.
 
         Both are squares of one normal variate where noise is smooth over the resonance, so that their ratio is of an F
-        distribution, whatever the width.
+        distribution, for any width.
         """
         if self.squares is None or self.averages is None:
             return False

@@ -33,7 +33,7 @@ class Observed:
     values
         Observed values, one row for each repetition of the test; of a single repetition without that axis.
     sd
-        Standard deviation of each, or of all repetitions alike: any shape that broadcasts to that of the values.
+        Standard deviation of each, or of all repetitions alike: any shape that broadcasts to the values'.
     """
 
     values: Array
@@ -248,7 +248,7 @@ class ModeData(ModalData):
         Number of each measured mode among those of the structure with its joint, from 1; by default the lowest n.
     match
         Whether the mode of that ``"number"`` is compared with the measured one, or the one that has the nearest
-        ``"shape"`` (by the modal assurance criterion), whatever joint changes their order.
+        ``"shape"`` (by the modal assurance criterion), also where a joint changes their order.
     eigenvalues
         Whether `frequency` holds eigenvalues: their errors are then the normal ones.
     provenance

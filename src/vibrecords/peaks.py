@@ -42,7 +42,7 @@ def resonances_hz(data: Data) -> Array:
         roots += [(_interpolate_frequency(frequency, values, ratio, k), float(ratio[k])) for k in places]
     if not roots:
         return np.empty(0)
-    # one frequency for each group of neighbours, that of the peak which stands out of the noise most
+    # one frequency for each group of neighbours, of the peak which stands out of the noise most
     peaks = np.array(sorted(roots, key=lambda root: root[0]))
     near = np.maximum(_SAME_LINES * float(np.median(np.diff(frequency))), _SAME * peaks[1:, 0])
     cuts = [0, *(np.flatnonzero(np.diff(peaks[:, 0]) > near) + 1).tolist(), len(peaks)]

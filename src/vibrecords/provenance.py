@@ -31,7 +31,7 @@ class ChannelUse:
     factor
         Factor on its signal: sign times gain.
     reversed_direction
-        Whether the file's direction is opposite to that of the mapped channel, so that the sign was changed for it.
+        Whether the file's direction is opposite to the mapped channel's, so that the sign was changed for it.
     accelerometer_mass
         Mass whose effect is taken out of the FRFs, kg.
     """

@@ -271,7 +271,7 @@ def reading_package(name: str, what: str, otherwise: str) -> Any:  # noqa: ANN40
 
 @contextmanager
 def refuse_damage(where: str, expected: str, part: str = "a part", most: int = 80) -> Iterator[None]:
-    """Say in one line what a library raises on damaged bytes: whatever they lead it to.
+    """Say in one line what a library raises on damaged bytes: any error.
 
     Raises
     ------

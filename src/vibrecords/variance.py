@@ -46,7 +46,7 @@ class RelativeNoise:
         return 2 * self.sd_of_part(np.abs(values)) ** 2
 
     def variance_of_accelerance(self, frf: FrfSet) -> Array:
-        """σ² by the law of the accelerance, whatever quantity the FRFs are kept in; shape as ``frf.values``."""
+        """σ² by the law of the accelerance, for FRFs kept in any quantity; shape as ``frf.values``."""
         factor = np.abs(quantity_factor(frf.frequency_hz, "accelerance", frf.quantity))[:, None, None]
         return np.asarray(2 * (self.sd_of_part(np.abs(frf.values) * factor) / factor) ** 2)
 

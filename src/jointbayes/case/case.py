@@ -60,9 +60,9 @@ class Case:
     name
         Short name: the file's, without its ending.
     source
-        The TOML text, together with that of the files it builds on.
+        The TOML text, together with the texts of the files it builds on.
     spec
-        The same, checked and typed; of several tests that of the first in which a joint acts.
+        The same, checked and typed; of several tests the first in which a joint acts.
     problem
         Structure, joint, data and prior; `replace` may put another one in its place.
     stated
@@ -144,7 +144,7 @@ class Case:
 
     @cached_property
     def default_priors(self) -> frozenset[str]:
-        """Coordinates of joints whose prior nobody stated; empty where the problem is not the text's."""
+        """Coordinates of joints whose prior is not stated; empty where the problem is not the text's."""
         return default_priors_of(parse_tests(self.source)) if self.problem is self.stated else frozenset()
 
     @property
@@ -297,7 +297,7 @@ def case_around(problem: Problem, text: str, *, stated: bool = False) -> Case:
     if stated and not needs_files(specs):
         texts, data = texts_of_tests(source), {test.name: test.data for test in (*problem.left_out, *problem.tests)}
         for name, spec in specs.items():  # what is left out of the data of a test is out of them already
-            if name not in data:  # its FRFs show no mode, and the answer is that of modes
+            if name not in data:  # its FRFs show no mode, and the answer rests on modes
                 continue
             whole = spec.model_copy(update={"left_out": LeftOutSpec(tests=spec.left_out.tests)})
             tests = (*tests, _one_test(name, CaseHome(Path(), texts[name]), whole, data[name]))

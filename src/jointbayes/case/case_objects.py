@@ -162,7 +162,7 @@ def split_data(data: Data, left_out: LeftOutSpec) -> tuple[Data, Data | None]:
 
 
 def generator_of(seed: int, test: str) -> np.random.Generator:
-    """Random numbers of a test: independent of those of others, and the same whatever others there are."""
+    """Random numbers of a test: independent of the others, and the same with any others."""
     spawn_key = (zlib.crc32(test.encode()),) if test else ()
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=spawn_key))
 
@@ -354,7 +354,7 @@ def _matrix(file: Path) -> structure_tables.Matrix:
 
 DEFAULT_GUESS_FACTOR = 1e3  # of k11, relative to the beam's own stiffness
 
-_ABOVE_RIGID = 1.15  # a measured mode so far above that of a rigid joint cannot be the same mode
+_ABOVE_RIGID = 1.15  # a measured mode so far above the mode with a rigid joint is another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -523,7 +523,7 @@ def quantities_of(spec: CaseSpec) -> list[tuple[Nuisance, bool]]:
 def require_lowest(spec: CaseSpec, recipe: StructureRecipe, joint: AnyJoint, measured: Data) -> None:
     """Refuse measured modes that cannot be the model's lowest ones, where the case takes them for these.
 
-    No joint is stiffer than a rigid one, so that a mode far above that of a rigid joint is a later one.
+    No joint is stiffer than a rigid one, so that a mode far above its place with a rigid joint is a later one.
 
     Raises
     ------
@@ -557,7 +557,7 @@ _BEYOND_MODES = 1.25
 _Stamp = tuple[str, int, int]
 """A file by its path, its size and when it was written."""
 Bodies = tuple[tuple[str, FrameBody], ...]
-"""Bodies of beams beside the model, by their names."""
+"""Bodies of beams in addition to the model, by their names."""
 
 
 def top_of(spec: CaseSpec, data: Data | None) -> float:

@@ -70,7 +70,7 @@ class CaseText:
     name
         The file that is the case, as messages show it.
     text
-        TOML text that needs no other file: the file's own, or that of all its files together.
+        TOML text that needs no other file: the file's own, or the text of all its files together.
     data
         What it is parsed to.
     places
@@ -154,7 +154,7 @@ def read_case_text(path: str | os.PathLike[str], allow_outside: bool = False) ->
 
 
 def case_text(text: str, name: str, file: Path | None = None, allow_outside: bool = False) -> CaseText:
-    """The text of a case with that of the files it builds on.
+    """The text of a case with the texts of the files it builds on.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ def _own(table: object) -> object:
     return {"own": True, **table} if isinstance(table, Mapping) else table
 
 
-def _each_own(tables: object) -> Any:  # noqa: ANN401 (whatever TOML knows)
+def _each_own(tables: object) -> Any:  # noqa: ANN401 (anything TOML knows)
     return {key: _own(table) for key, table in tables.items()} if isinstance(tables, Mapping) else tables
 
 

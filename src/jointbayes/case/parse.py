@@ -39,7 +39,7 @@ from jointbayes.case.toml_text import toml_value
 from jointbayes.errors import WENT, CaseError, similar
 from jointbayes.joint.quantities import split_hypothesis
 
-#: Faults that are told, that are compared with each other, and that are looked at: nobody writes a case with more.
+#: Faults that are told, that are compared with each other, and that are looked at: no case has more.
 _MOST_TOLD, _MOST_SORTED, _MOST_READ = 20, 100, 5000
 
 #: What a symbol stands for, where somebody writes it instead of the word.

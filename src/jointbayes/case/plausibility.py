@@ -260,7 +260,7 @@ def numbering_warnings(
 def excluded_truths(spec: CaseSpec, prior: JointPrior, test: str) -> Iterator[Finding]:
     """Yield stiffnesses of the truth that have no coordinates, or coordinates that the prior excludes.
 
-    No analysis can find such a joint. Of a test the prior is that of its own joints alone.
+    No analysis can find such a joint. A test's prior holds its own joints alone.
     """
     if spec.synthetic is None:
         return

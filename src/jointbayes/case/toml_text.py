@@ -241,7 +241,7 @@ def _syntax_fault(message: str, text: str, name: str) -> str:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Read a case file as text; whatever prevents that is a `CaseError` of one line."""
+    """Read a case file as text; any fault is a `CaseError` of one line."""
     name, line = os.fspath(path), 1
     try:
         place = Path(path)

@@ -35,7 +35,7 @@ from vibrecords.errors import printable
 
 @contextmanager
 def _well_behaved(*, json: bool) -> Iterator[None]:
-    """End quietly where nobody reads on, and print nothing of the command line that would steer the terminal.
+    """End quietly where the output is not read on, and print nothing of the command line that would steer the terminal.
 
     A wrong call is told in JSON as well, where that is asked for.
     """

@@ -82,7 +82,7 @@ def require_outside(directory: Path) -> None:
 
 
 def _is_same(one: Path, other: Path) -> bool:
-    """Whether both lead to one file, by whatever names and links."""
+    """Whether both lead to one file, by any names and links."""
     try:
         return one.samefile(other)
     except (OSError, ValueError):
@@ -213,7 +213,7 @@ def exit_by_convergence(posterior: "Posterior") -> None:
 
 
 def directory_name(case_name: str, file: Path) -> str:
-    """Name of a run directory by default: that of the case, or of the file where the former is no name of one.
+    """Name of a run directory by default: the name of the case, or of the file where the former is no name of one.
 
     A posterior file may be anybody's: what it says must not lead out of ``reports``.
     """

@@ -80,7 +80,7 @@ def say(*lines: str, err: bool = False, whole: bool = False) -> None:
     Raises
     ------
     BrokenPipeError
-        If nobody reads standard output any more; `commands` ends quietly then.
+        If standard output is not read any more; `commands` ends quietly then.
     """
     how = manner()
     if how.json and not err:
@@ -204,7 +204,7 @@ def open_closed_streams() -> None:
 
 
 def is_closed(stream: TextIO) -> bool:
-    """True if the stream is a pipe or socket that nobody reads any more."""
+    """True if the stream is a pipe or socket that is not read any more."""
     import select
 
     try:
@@ -216,7 +216,7 @@ def is_closed(stream: TextIO) -> bool:
 
 
 def let_go(stream: TextIO) -> None:
-    """Drop what is still written to a stream that nobody reads, also when Python flushes it at its end."""
+    """Drop what is still written to a stream that is not read, also when Python flushes it at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, stream.fileno())

@@ -59,7 +59,7 @@ def free_receptance(
     """Receptance without the joint, shape (n, lines, k, k), between k motions.
 
     Summed over the free modes, in which a loss factor and Rayleigh's damping are diagonal:
-    A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)). Modal damping is here that of the free modes themselves, 2ζ√λ for
+    A = Σ φ φᵀ/(λ(1 + jη) − ω² + jω(α + βλ)). Modal damping acts here in the free modes themselves, 2ζ√λ for
     α + βλ, the ratios those of the elastic modes in order.
 
     Parameters
@@ -229,7 +229,7 @@ class LowRankCoupling:
 class Misfit:
     """Weighted distance χ² = Σ |H − H^x|² w² of a forward model from measured receptances, as a function of the joint.
 
-    That of joints without damping is fast, that of those with it plain.
+    It is fast for joints without damping, plain for joints with damping.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """Bodies given by their measured FRFs, and structures that are joined from these and modelled ones.
 
-Receptance coupling substructure analysis, RCSA: of a spindle with its holder nobody has a model to be trusted, but its
+Receptance coupling substructure analysis, RCSA: a spindle with its holder has no model to be trusted, but its
 FRFs where the tool will sit can be measured.
 
 References
@@ -252,7 +252,7 @@ class Substructures:
     Parameters
     ----------
     modelled
-        Body without the joints. Modal damping is that of its own free modes, rigid-body modes
+        Body without the joints. Modal damping acts in its own free modes, rigid-body modes
         not counted, since there are no modes of the assembled structure.
     measured
         Bodies given by their FRFs; joints, outputs and inputs name their DOFs like the DOFs of any other body.

@@ -104,13 +104,13 @@ def chi2_of(values: ComplexArray, measured: ComplexArray, weight: Array) -> Arra
     return np.asarray((apart.real**2 + apart.imag**2).sum(axis=(1, 2, 3)))
 
 
-#: Motions of a joint that are smaller beside the largest of their kind are rounding: a rigid-body motion has the error
+#: Motions of a joint below this share of the largest of their kind are rounding: a rigid-body motion has the error
 #: of eigenvectors, up to 1e-6 where a fine mesh has eigenvalues of 10¹⁵.
 _AT_REST = 1e-5
 
 
 def rigid_body_modes(body: Body, joint: AnyJoint) -> int:
-    """Number of rigid-body motions that a body has with its joint, whatever the joint's stiffness.
+    """Number of rigid-body motions that a body has with its joint, for any stiffness of the joint.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class JoinedModes:
     taking_part
         The joint's motions, r of them, and what else to know of each mode, q other ones without what is the joint's.
     forced
-        At which of these forces act, shape (q,), beside those of the joint; by default at all.
+        At which of these forces act, shape (q,), in addition to those of the joint; by default at all.
     """
 
     def __init__(self, body: Body, taking_part: TakingPart, forced: Flags | None = None) -> None:
@@ -453,7 +453,7 @@ def _gaps(eigenvalues: Array) -> tuple[Flags, Array]:
 
 
 class AssembledMisfit:
-    """χ² = Σ |H − H^x|² w² as a function of the joint; the work on the lines is that of `ModalSum`."""
+    """χ² = Σ |H − H^x|² w² as a function of the joint; `ModalSum` does the work on the lines."""
 
     def __init__(self, model: AssembledModes, measured: ComplexArray, weight: Array) -> None:
         self._model, self._measured, self._weight = model, measured, weight

@@ -40,7 +40,7 @@ class Modal:
 class AssembledShapes(LowestModes):
     """The lowest modes of the structure with its joint; rigid-body motions of one that floats are none.
 
-    Modal damping states the ratios of the assembled structure. Of other laws the ratio is that of the energy that a
+    Modal damping states the ratios of the assembled structure. Of other laws the ratio is of the energy that a
     cycle loses, to first order: ζ = η s/(2λ) of a loss factor, ζ = (α + β s)/(2√λ) of Rayleigh damping and φᵀCφ/(2√λ)
     of a matrix C, with λ = ω² and s = φᵀKφ the part of it that the structure stores without the joint. A joint with
     damping of its own, dashpots C and imaginary stiffness H, adds φᵀCφ/(2√λ) + φᵀHφ/(2λ).

@@ -1,6 +1,6 @@
 """How the numbers of a report came about, in the words of ``texts/methods.toml``, what to cite for it, and its terms.
 
-A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file beside the report.
+A text cites what ran by names in square brackets; exactly those are written as BibTeX to a file next to the report.
 How to read the figures, and the terms, stand in ``texts/guides.toml`` and ``texts/terms.toml``.
 """
 

@@ -1,6 +1,6 @@
 """The run directory: report, draws, summary, case and figures, whole or absent.
 
-Its draws outlive whatever fails after them: on disk, whole, before any figure is drawn.
+Its draws outlive anything that fails after them: on disk, whole, before any figure is drawn.
 """
 
 import datetime
@@ -31,7 +31,7 @@ from vibrecords.files import real_directory, scratch_file, sweep, whole_director
 
 @contextmanager
 def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
-    """Keep draws in a file beside the run directory to be until the directory itself holds them.
+    """Keep draws in a file next to the run directory to be until the directory itself holds them.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        The file, ``NAME.posterior.nc`` beside the directory NAME, or ``NAME.posterior-2.nc`` and so on where an
+        The file, ``NAME.posterior.nc`` next to the directory NAME, or ``NAME.posterior-2.nc`` and so on where an
         earlier run left one. It goes when the body ends, and stays when the body fails.
 
     Raises
@@ -68,7 +68,7 @@ def draws_kept(posterior: Posterior, directory: Path) -> Iterator[Path]:
 
 @contextmanager
 def draws_explained(draws: Path, directory: Path) -> Iterator[None]:
-    """Turn whatever fails in the body into one line that names the file of the draws and how to go on.
+    """Turn any failure in the body into one line that names the file of the draws and how to go on.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def save_draws(posterior: Posterior, path: Path, directory: Path | None = None) 
 
 
 def _reserve_file(named: Path) -> Path:
-    """A file for draws beside a run directory; its name is taken now, so that no other run keeps its draws there."""
+    """A file for draws next to a run directory; its name is taken now, so that no other run keeps its draws there."""
     for end in itertools.chain([""], (f"-{number}" for number in itertools.count(2))):
         path = named.with_name(f"{named.name}.posterior{end}.nc")
         try:
@@ -138,7 +138,7 @@ def _go_on(draws: Path, directory: Path | None) -> str:
 
 
 def _one_line(error: Exception) -> str:
-    """What went wrong, on one line; what nobody expected comes with its type and a way to its traceback."""
+    """What went wrong, on one line; an unexpected fault comes with its type and a way to its traceback."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = " ".join(str(error).split())
@@ -164,7 +164,7 @@ def write_report(
 ) -> Path:
     """Write a run directory.
 
-    The draws are on disk, whole, in a file beside the directory, before any figure is drawn; the file goes when the
+    The draws are on disk, whole, in a file next to the directory, before any figure is drawn; the file goes when the
     directory is there, and stays where the report fails.
 
     Parameters
@@ -172,7 +172,7 @@ def write_report(
     posterior
         The posterior, with the problem that was sampled: nothing of it is built again.
     directory
-        Where to write. It is written beside and renamed, so that it is whole or absent; an older run directory of
+        Where to write. It is written next to it and renamed, so that it is whole or absent; an older run directory of
         the same name is replaced, any other directory is refused.
     progress
         Called as each stage begins.

@@ -72,7 +72,7 @@ class _Drawing:
 
 
 def sketch(*problems: Problem) -> str:
-    """SVG of the structure of each test with what acts on it; empty where nobody knows what any looks like."""
+    """SVG of the structure of each test with what acts on it; empty where it is not known what any looks like."""
     drawings = [drawing for problem in problems if (drawing := _drawing(problem)) is not None]
     total = _FOOT + sum(drawing.height for drawing in drawings)
 
@@ -107,7 +107,7 @@ def _drawing(problem: Problem) -> _Drawing | None:
                 away = np.divide(mark.place - low - half, half, out=np.zeros(2), where=half > 0)  # 0 across a line
                 axis = int(abs(away[1]) >= min(abs(away[0]), 0.9))
                 marks[i] = replace(mark, ground=(np.eye(2)[axis] * (np.sign(away[axis]) or 1.0),))
-    sides = 0.14 if len(outlines) == 1 else 0.26  # beside a frame there is room for names
+    sides = 0.14 if len(outlines) == 1 else 0.26  # next to a frame there is room for names
     low, high = low - np.array([sides, 0.2]) * size, high + np.array([sides, 0.12]) * size
     height = float(np.clip(_WIDTH * (high - low)[1] / (high - low)[0], _LEAST, _MOST))
     high[1] += (high - low)[1] * _LABEL / height
@@ -207,7 +207,7 @@ def dof_words(test: Test, label: str) -> str:
 
 
 class _Places:
-    """Where DOFs are on paper: by their positions, or one beside the other where these are not known."""
+    """Where DOFs are on paper: by their positions, or side by side where these are not known."""
 
     def __init__(self, problem: Problem) -> None:
         self._test, self._body = problem.test, problem.test.structures

@@ -2,7 +2,7 @@
 
 And its modes, and what is kept of them. Modes above the band move almost as one static answer to the forces. That
 answer and its next terms in ω², taken from all of them at once, stand for them as a handful of vectors (MacNeal 1971;
-Rubin 1975, with further terms), so that a draw costs as much whatever the mesh.
+Rubin 1975, with further terms), so that a draw costs as much with any mesh.
 
 References
 ----------
@@ -52,7 +52,7 @@ Forced = Flags | None
 #: Modes up to this many times the highest frequency are kept one by one; where responses have no vectors, up to more.
 _KEPT, _KEPT_OF_FORCES = 2.0, 3.0
 #: Terms of the residual in ω²: static, and the first two beyond. With these less than 1e-10 of an FRF's peak is lost,
-#: and little of the motion of a stiff joint itself, which is small beside its parts.
+#: and little of the motion of a stiff joint itself, which is small next to its parts.
 MOST_TERMS = 3
 #: Of more motions than these only those at which forces act have vectors of their own: what many responses would add is
 #: nearly what there is already, and rounding.
@@ -195,7 +195,7 @@ class Body(ABC):
 
     @abstractmethod
     def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz.
+        """A frequency above the first `count` natural frequencies with any six DOFs held, Hz.
 
         That of the body's own mode number `count` + 6, rigid-body modes, which are at 0 Hz, counted with the others: a
         solid that floats has six, so that of it `reach_hz(3)` is above its third elastic mode.
@@ -257,7 +257,7 @@ class Body(ABC):
     def reference(self, *, solved: bool = True) -> "Body":
         """The same body on a much richer mesh: what others are compared with.
 
-        `solved` anew for each row of factors, with every mode kept, far slower; or interpolated and reduced as ever.
+        `solved` again for each row of factors, with every mode kept, far slower; or interpolated and reduced as ever.
         """
         return self
 
@@ -292,7 +292,7 @@ class Body(ABC):
     def own_stiffness(self, row: str, column: str) -> float:
         """Stiffness by itself where two DOFs of a point are, N/m or N·m/rad: what default priors are relative to.
 
-        Here that of its static deformation, without rigid-body motion, by a force at each; 0 where nothing deforms.
+        Here the stiffness of a static deformation, without rigid-body motion, by a force at each; 0 if nothing deforms.
         """
         sizes = []
         for label in (row, column):

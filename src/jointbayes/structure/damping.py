@@ -1,4 +1,4 @@
-"""Damping laws of a structure without its joints, whose own damping stands beside their stiffness."""
+"""Damping laws of a structure without its joints, whose own damping stands with their stiffness."""
 
 import math
 from collections.abc import Mapping
@@ -117,7 +117,7 @@ class ModalDamping(DampingLaw):
         return np.concatenate([stated, np.full(count - stated.size, self.ratios[-1])])
 
     def scaled(self, factors: Mapping[str, float]) -> DampingLaw:
-        """The law with all ratios times ``damping_ratio`` and that of the second mode times ``damping_ratio_2``."""
+        """The law with all ratios times ``damping_ratio`` and the second mode's times ``damping_ratio_2``."""
         ratios = np.array(self.ratios) * factors.get("damping_ratio", 1.0)
         for i in range(ratios.size):
             ratios[i] *= factors.get(f"damping_ratio_{i + 1}", 1.0)

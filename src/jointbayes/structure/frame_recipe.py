@@ -1,7 +1,7 @@
 """Frames as recipes: everything their matrices are made from, each quantity open to a factor.
 
 A uniform straight beam is a frame of one member along x, in one plane or in two and along its axis. A user numbers its
-equally spaced points. The elements between them are nobody's business: their ends lie at the joint, supports,
+equally spaced points. The elements between them are an inner matter: their ends lie at the joint, supports,
 accelerometers, measured and excited points only, and their number and order follow from the highest line,
 so rich that no mesh shows below it.
 
@@ -256,7 +256,7 @@ def assembled(
     body, mesh, factors
         The body, its elements, and factors on its quantities.
     loads
-        Points and the masses in kg that sit there, beside those of the body.
+        Points and the masses in kg that sit there, in addition to the body's.
     directions
         Those of `SPATIAL` in which points move, in its order.
     """
@@ -435,7 +435,7 @@ class MemberRecipe(Recipe):
         Parameters
         ----------
         dofs
-            Labels of such DOFs, beside supports and accelerometers; None takes all points.
+            Labels of such DOFs, next to supports and accelerometers; None takes all points.
         top_hz
             Highest frequency, Hz; None that of ten half waves along the straight beam where it is lowest.
         forces
@@ -599,7 +599,7 @@ class FrameRecipe(MemberRecipe):
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
+        """Quantities that may be uncertain, next to ``damping_ratio_1`` and so on."""
         of_bodies = [f"{_prefix(name)}{q}" for name, _ in self.bodies if name for q in BODY_QUANTITIES]
         return (*BODY_QUANTITIES, *of_bodies, *_OF_ALL)
 
@@ -664,7 +664,7 @@ _DIRECTIONS: dict[int, tuple[str, ...]] = {2: ("y", "rz"), 5: ("x", "y", "z", "r
 _NEAR = 1e-6  # of the length: a point so near to a node is that node
 _LEAST, _MOST, _MOST_SPANS = 1e-6, 1e6, 10_000  # of a length in m, a coefficient; and equal spans
 
-#: Quantities of a beam that may be uncertain, beside ``damping_ratio_1`` and so on.
+#: Quantities of a beam that may be uncertain, next to ``damping_ratio_1`` and so on.
 STRUCTURE_QUANTITIES = (
     "youngs_modulus",
     "density",

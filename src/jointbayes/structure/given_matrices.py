@@ -146,7 +146,7 @@ class MatrixFamily(UncertainBody):
         return self.nominal.reach_hz(count)
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
-        """Its modes, whatever the factors."""
+        """Its modes, for any factors."""
         reach = self.reach_of_modes_hz
         structure = self.nominal if reach is None else self.nominal.at((), reach)
         return structure.free_modes(np.arange(len(motions)), motions, forced)

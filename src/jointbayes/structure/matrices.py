@@ -24,7 +24,7 @@ _LINES_SOLVED = 20_000  # at most, line by line
 _LARGER = 1e4  # of the shift, the most that is tried
 _LINES_AT_ONCE = 512  # bounds the memory of one batch of dense matrices
 _REFINEMENTS = 2
-#: A DOF that moves less than this in a rigid-body mode, beside its largest motion in any mode, moves by rounding.
+#: A DOF that moves less than this in a rigid-body mode, over its largest motion in any mode, moves by rounding.
 _AT_REST = 1e-8
 
 
@@ -181,7 +181,7 @@ class Structure(Body):
         return self if self._every_mode else self._like(top_hz, every_mode=False)
 
     def reference(self, *, solved: bool = True) -> Self:
-        """The same structure, with all its modes whatever frequency is wanted if `solved`."""
+        """The same structure, with all its modes if `solved`, for any frequency."""
         return self._like(None, every_mode=True) if solved else self
 
     def _like(self, top_hz: float | None, *, every_mode: bool) -> Self:
@@ -252,7 +252,7 @@ class Structure(Body):
         A structure that is nearly free loses six of double precision's digits at low frequency, because K x nearly
         cancels. So K x is computed in extended precision, and what is left of the load is solved for twice more.
 
-        Modal damping is that of the modes above the `rigid` lowest ones, by default above those at 0 Hz.
+        Modal damping acts in the modes above the `rigid` lowest ones, by default above those at 0 Hz.
 
         Raises
         ------
@@ -298,7 +298,7 @@ class Structure(Body):
 
 
 StructureAt = Callable[[Sequence[float]], Structure]
-"""A structure at numbers, assembled anew."""
+"""A structure at numbers, assembled again."""
 
 
 class SolvedModes:

@@ -63,7 +63,7 @@ class Recipe(ABC):
     accelerometer_mass
         Mass of each accelerometer, kg.
     added_mass
-        Mass that is exactly known, beside that of each accelerometer, kg.
+        Mass that is exactly known, next to the mass of each accelerometer, kg.
     accelerometer_dofs
         Where one sits: its mass moves in all translations of the point of each of these DOFs that is a translation.
     element, richer
@@ -96,7 +96,7 @@ class Recipe(ABC):
     @property
     @abstractmethod
     def quantities(self) -> tuple[str, ...]:
-        """Quantities that may be uncertain, beside ``damping_ratio_1`` and so on."""
+        """Quantities that may be uncertain, in addition to ``damping_ratio_1`` and so on."""
 
     @property
     def usual(self) -> dict[str, tuple[str, float]]:
@@ -155,7 +155,7 @@ class Recipe(ABC):
             raise ModelError.of(f"{self.kind}", (), found, expected, "correct the name or remove it")
 
     def checked_factors(self, factors: Mapping[str, float] | None) -> dict[str, float]:
-        """Factors by name, each that of a quantity of the structure.
+        """Factors by name, each on a quantity of the structure.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class UncertainBody(Body):
     dofs, top_hz
         DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
     exact
-        Whether it is assembled and solved anew for each row of factors, and every mode kept: a reference.
+        Whether it is assembled and solved again for each row of factors, and every mode kept: a reference.
 
     Raises
     ------
@@ -265,7 +265,7 @@ class UncertainBody(Body):
 
     @property
     def shift(self) -> float:
-        """That of the nominal structure, see `Structure.shift`."""
+        """Shift of the nominal structure, see `Structure.shift`."""
         return self.nominal.shift
 
     def position(self, label: str) -> tuple[float, float, float] | None:
@@ -303,7 +303,7 @@ class UncertainBody(Body):
         return type(self), self.recipe, tuple(self.ranges.items()), self.dofs, self.top_hz
 
     def reference(self, *, solved: bool = True) -> Self:
-        """The same of much richer elements; solved anew for each row of factors, or interpolated as ever."""
+        """The same of much richer elements; solved again for each row of factors, or interpolated as ever."""
         return type(self)(self.recipe.reference, self.ranges, exact=solved)
 
     def solved_anew(self) -> Self:
@@ -318,7 +318,7 @@ class UncertainBody(Body):
         return replace(self, recipe=recipe, ranges=ranges)
 
     def structure(self, factors: Sequence[float] | Array) -> Structure:
-        """Structure at factors (q,), assembled anew."""
+        """Structure at factors (q,), assembled again."""
         values = np.asarray(factors, dtype=float)
         named = dict(zip(self.names, values.tolist(), strict=True)) if values.size else {}
         return self.recipe.structure(named, self.mesh)

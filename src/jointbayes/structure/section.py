@@ -110,7 +110,7 @@ class Section:
         if not (_possible(width) and _possible(height)):
             found = f"found width {width:g} m and height {height:g} m"
             raise ModelError.of("section", (), found, "both above zero", "correct the sides")
-        a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), whatever the aspect ratio
+        a, b = 12 / 10, 11 / 10  # Cowper (1966): 10(1+ν)/(12+11ν), for any aspect ratio
         # J = a b³ (1/3 − 64/π⁵ b/a Σ tanh(nπa/2b)/n⁵), n = 1, 3, 5 …, sides a ≥ b: Timoshenko & Goodier, art. 109
         long, short = max(width, height), min(width, height)
         # with Σ 1/n⁵ = 31/32 ζ(5) what is left, Σ (1 − tanh)/n⁵, needs six terms

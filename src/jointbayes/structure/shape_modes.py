@@ -1,7 +1,7 @@
 """Free modes over the few numbers that change them by more than factors, and from these at all quantities.
 
 E, ρ and size change the modes of a body by similarity, that is by factors. Over what is left, such as slenderness or an
-accelerometer's mass beside the body's, the modes and the few vectors that stand for those above the band (`Reduction`)
+accelerometer's mass over the body's, the modes and the few vectors that stand for those above the band (`Reduction`)
 are interpolated between Chebyshev points, at which the body is assembled and solved.
 """
 
@@ -110,7 +110,7 @@ class ModeTable:
         return eigenvalues, self._motions.T @ shapes
 
     def error(self, modes_at: ModesAt) -> float:
-        """Largest error of the table at a few points beside its own, near the ends among them.
+        """Largest error of the table at a few points next to its own, near the ends among them.
 
         Of the lower half of the modes each has to be right. The highest avoid each other as the beam becomes thicker,
         and are then no smooth functions one by one; of them only the sum counts, in the receptance below them.
@@ -198,7 +198,7 @@ def modes_over_shape(
     Parameters
     ----------
     structure_at
-        The body at shape numbers (axes,), assembled anew; all are 0 at the nominal one.
+        The body at shape numbers (axes,), assembled again; all are 0 at the nominal one.
     nominal
         Modes of the nominal one.
     ends

@@ -1,7 +1,7 @@
 """Free modes of beams and frames whose quantities are uncertain, for many values of them at once.
 
 E, ρ and size change the modes of a body by similarity, that is by factors. What is left are few numbers: slenderness,
-shear coefficient, and masses beside the body's own. Over these the modes are interpolated, see
+shear coefficient, and masses in addition to the body's own. Over these the modes are interpolated, see
 `jointbayes.structure.shape_modes`. Bodies that joints alone connect have modes of their own without these; all
 together, in rising order, are the frame's.
 """
@@ -29,10 +29,10 @@ _SHORTEST = 0.1  # of a beam's length must be left
 _POWERS: dict[str, shape_modes.Powers] = {
     "section_size": {"section_size": 1.0, "length": -1.0},
     "shear_coefficient": {"shear_coefficient": 1.0},
-    # masses beside that of the body of nominal section, ρ L³
+    # masses over the mass of the body of nominal section, ρ L³
     "masses": {"density": -1.0, "length": -3.0},
     "accelerometer_mass": {"accelerometer_mass": 1.0, "density": -1.0, "length": -3.0},
-    # force beside that of the body of nominal E and length, E L²; with the size above it is N L²/EI
+    # force over E L² of the body of nominal E and length; with the size above it is N L²/EI
     "axial_force": {"axial_force": 1.0, "youngs_modulus": -1.0, "length": -2.0},
 }
 #: Powers in which a body's quantities change its natural frequencies by similarity, but for their sign.
@@ -104,11 +104,11 @@ class FrameFamily(UncertainBody):
         The frame at its nominal quantities.
     ranges
         Smallest and largest logarithm of the factor by quantity, see `FrameRecipe.quantities`; outside these the modes
-        are not defined. ``"tool.density"`` is the density of one body, ``"density"`` that of all at once.
+        are not defined. ``"tool.density"`` is the density of one body, ``"density"`` of all at once.
     dofs, top_hz
         DOFs where something acts or is observed, and the highest frequency that is wanted, Hz; see `at`.
     exact
-        Whether the frame is assembled and solved anew for each row of factors, and every mode kept: a reference.
+        Whether the frame is assembled and solved again for each row of factors, and every mode kept: a reference.
 
     Raises
     ------
@@ -144,7 +144,7 @@ class FrameFamily(UncertainBody):
         return Discretisation(self.recipe.element, sum(count for count, _ in elements), max(orders))
 
     def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, whatever holds at most six DOFs, Hz."""
+        """A frequency above the first `count` natural frequencies with any six DOFs held, Hz."""
         return _reach_hz(self.recipe, count) if is_hashable(self.recipe) else _reach_hz.__wrapped__(self.recipe, count)
 
     def over_factors(self, motions: Array, forced: Forced) -> FreeModes:
@@ -249,7 +249,7 @@ class _Body:
         return _ScaledModes(modes, parts, self._axes, partial(family.body_factor, self.number))
 
     def structure_at(self, numbers: Sequence[float]) -> Structure:
-        """The body at nominal E, ρ and length and at shape numbers (axes,), assembled anew."""
+        """The body at nominal E, ρ and length and at shape numbers (axes,), assembled again."""
         factors = dict(zip(self._axes, np.exp(numbers).tolist(), strict=True))
         masses = factors.pop("masses", 1.0)
         load = self._recipe.accelerometer_mass * factors.pop("accelerometer_mass", masses)

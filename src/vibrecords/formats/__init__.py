@@ -1,4 +1,4 @@
-"""Measurement files: one way in and one way out, whatever the format."""
+"""Measurement files: one way in and one way out, for any format."""
 
 from vibrecords.formats.grid import cut_to_band as cut_to_band
 from vibrecords.formats.grid import join_frfs as join_frfs

@@ -1,4 +1,4 @@
-"""Records in the units and quantities that a case states for its channels, whatever their file says."""
+"""Records in the units and quantities that a case states for its channels, against what their file says."""
 
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -27,7 +27,7 @@ class ChannelUnit:
     Raises
     ------
     MeasurementError
-        If the unit is that of no force or motion, lacks beside a sensitivity, or is one of another quantity.
+        If the unit is of no force or motion, lacks next to a sensitivity, or is one of another quantity.
     """
 
     unit: str = ""

@@ -174,7 +174,7 @@ class Block:
             return key
         return next((self._lower[n] for n in ALIASES.get(key, (key,)) if n in self._lower), None)
 
-    def get(self, key: str) -> Any:  # noqa: ANN401 - whatever the file holds under that name
+    def get(self, key: str) -> Any:  # noqa: ANN401 - anything the file holds under that name
         """What is known under a name; None where nothing is."""
         name = self.name_of(key)
         return None if name is None else self.arrays[name]

@@ -1,4 +1,4 @@
-"""Records of a measurement file, whatever its format, which is told by what is in it."""
+"""Records of a measurement file of any format, which is told by what is in it."""
 
 import re
 import stat
@@ -92,7 +92,7 @@ def detect_format(path: str | Path) -> str:
     # 4. texts
     if is_universal or BEGINNING.search(head):
         return "uff"
-    head = head.partition(b"\n\x1a")[0].rstrip(b"\x1a\r\n")  # Ctrl-Z ends a text of DOS, whatever follows
+    head = head.partition(b"\n\x1a")[0].rstrip(b"\x1a\r\n")  # Ctrl-Z ends a text of DOS
     if any(byte < 32 and byte not in b"\t\n\r\f" for byte in head):
         raise MeasurementError(f"{path}: found binary data of an unknown kind; {_EXPECTED}")
     return "table"
@@ -153,7 +153,7 @@ def read_frf(
     f_min_hz, f_max_hz
         Lines outside the band are cut away before anything is checked.
     quantity
-        What the FRFs are, whatever the file says.
+        What the FRFs are, against what the file says.
 
     Raises
     ------

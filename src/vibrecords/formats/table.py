@@ -1,4 +1,4 @@
-"""FRFs, time histories and spectra of tables, whatever file they stand in: what the columns are is told by evidence."""
+"""FRFs, time histories and spectra of tables in any file: what the columns are is told by evidence."""
 
 import re
 from collections.abc import Generator, Iterable, Iterator, Mapping
@@ -99,7 +99,7 @@ class _Group:
         self.notes += _take_one_estimate(columns, self.values, rest)
         frfs, spectra = _pair_up(columns, rest), self.with_role("spectrum")
         others = sorted({*rest} - {*spectra, *self.with_role(*headers.FRF_ROLES)})
-        if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, whatever its name
+        if not frfs and not spectra:  # one real column of a sensor over frequency is a spectrum, by any name
             spectra = [i for i in others if read_sensor_unit(columns[i].unit)[1]]
             if not spectra:
                 found, remedy = f"found {describe(columns, self.numbers)}", f"name the columns as {_EXAMPLE}"

@@ -49,7 +49,7 @@ from vibrecords.records import (
 AXIS_TYPES: dict[SensorQuantity, int] = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13}
 #: Ordinate types: real single, real double, complex single, complex double.
 _TYPES = (2, 4, 5, 6)
-#: Function, version and degrees of freedom, columns apart by blanks: whatever the widths of columns, it is read alike.
+#: Function, version and degrees of freedom, columns apart by blanks: columns of any width are read alike.
 _DOFS = re.compile(r"(\d+)\s+\d+\s+\d+\s+\d+" + r"\s+(\S+)\s+(\d{1,9})\s+([+-]?\d+)" * 2)
 _MORE_ID_LINES = 5
 #: No FRF has more values, and no count beyond it is worth a multiplication.
@@ -505,7 +505,7 @@ def units_of(body: bytes) -> FileUnits:
 def frf_meaning(header: FunctionHeader, units: FileUnits) -> tuple[Quantity | None, float | None, str, list[str]]:
     """Quantity, factor to SI (None where not known), unit as written and notes of a frequency response.
 
-    The quantity is what the types of the axes say, else what the units say. The factor is that of the units written at
+    The quantity is what the types of the axes say, else what the units say. The factor belongs to the units written at
     the axes, which take precedence by the format's own words, else that of data set 164.
     """
     above, below = header.numerator.unit, header.denominator.unit
@@ -530,7 +530,7 @@ def _meaning(
         if units.name and named is not None and not math.isclose(factor, of_file, rel_tol=1e-3):
             notes.append(f"unit {unit} taken; data set 164 ({units.name}) says otherwise")
         return named or unit_quantity, factor, unit, notes
-    if named is None or not units.stated or unit_quantity is not None:  # over volts, whatever the lengths are
+    if named is None or not units.stated or unit_quantity is not None:  # over volts, with any lengths
         return named or unit_quantity, factor, unit, notes
     notes = [note.removesuffix(", values left as written") for note in notes]
     if of_file != 1:

@@ -27,7 +27,7 @@ def exponential_window(samples: int, end: float) -> Array:
     """e^(−at) over the whole block, from 1 at its start to `end` one sample after it, shape (samples,).
 
     Multiplied to *both* channels, it makes of the FRF H(jω) of a linear system at rest before the block exactly
-    H(jω + a), whatever the force.
+    H(jω + a), for any force.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def effective_averages(blocks: int, window: Array, hop: int) -> float:
     window
         Window of each block, shape (samples,).
     hop
-        Samples from the start of a block to that of the next, 1 or more.
+        Samples from the start of a block to the start of the next, 1 or more.
 
     References
     ----------

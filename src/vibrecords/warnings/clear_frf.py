@@ -140,7 +140,7 @@ class ClearFrf:
         Each resonance counts by its height over the highest, so that bumps of the noise decide nothing next to a mode.
         With the time factor exp(+iωt) the phase of each residue over (iω − λ) falls by π at its resonance, because a
         passive structure has Re λ < 0. That holds for receptance, mobility and accelerance, for drive points and
-        others, and whatever the sign; with exp(−iωt) it rises.
+        others, and for either sign; with exp(−iωt) it rises.
         """
         low, high = band_hz[0] or 0.0, band_hz[1] or np.inf
         peaks = [peak for peak in self.resonances if low <= peak.frequency_hz <= high]

@@ -367,7 +367,7 @@ class MeasuredFrfSpec(MeasuredSpec):
     rotations: dict[Label, RotationSpec] = key_field('a table for each rotation, as [data.rotations."1:rz"]', {}, {})
 
     def asked_for(self, structure: StructureBase) -> dict[str, Any]:
-        """What a plan of the measurement asks for beside what all files give, by the names of `MeasurementPlan`.
+        """What a plan of the measurement asks for besides what all files give, by the names of `MeasurementPlan`.
 
         Stations of rotations are points of a straight beam.
         """

@@ -158,7 +158,7 @@ class Later:
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 (whatever the module has)
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 (anything the module has)
         return getattr(import_module(self._name), name)
 
 
@@ -381,7 +381,7 @@ def _increasing(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _uneven(value: object, place: KeyPath = ()) -> Iterator[Finding]:
-    """Yield lists in lists of another length than the first beside them."""
+    """Yield lists in lists of another length than the first of them."""
     lists = [entry for entry in value if isinstance(entry, tuple)] if isinstance(value, tuple) else []
     for i, entry in enumerate(lists):
         if len(entry) != len(lists[0]):
@@ -499,7 +499,7 @@ class Spec(BaseModel):
 
 
 class DataTable(Spec):
-    """A `[data]` table: what is asked of all of them, so that nobody asks of which kind one is."""
+    """A `[data]` table: what is asked of all of them, so that no code asks of which kind one is."""
 
     #: Whether the data are FRFs, and whether they are in measurement files.
     frfs: ClassVar[bool] = False

@@ -324,7 +324,7 @@ def _uncertain(what: str, **default: Any) -> Any:  # noqa: ANN401
 
 
 class BodyUncertainSpec(Spec):
-    """Uncertain quantities of one body of a frame, or part of an imported model, beside those of the whole."""
+    """Uncertain quantities of one body of a frame, or part of an imported model, in addition to those of the whole."""
 
     youngs_modulus: FactorPriorSpec | None = _uncertain("Young's modulus of the body", default=None)
     density: FactorPriorSpec | None = _uncertain("the density of the body", default=None)
@@ -399,7 +399,7 @@ class UncertainSpec(Spec):
 
     @property
     def given(self) -> dict[str, FactorPriorSpec | OffsetPriorSpec]:
-        """Priors that the file states, in the order of the fields, which is that of the coordinates."""
+        """Priors that the file states, in the order of the fields and of the coordinates."""
         priors = _stated(self, "")
         for body, of_body in self.bodies.items():
             priors |= _stated(of_body, f"{body}.")
@@ -438,7 +438,7 @@ _ALIKE = ("kind", "directions", "parametrisation", "viscous", "loss_factors")
 
 
 def joint_table(name: str) -> tuple[str, ...]:
-    """Key of the table of a joint; of a lone one, which has no name, that of all."""
+    """Key of the table of a joint; of a lone one, which has no name, the key of all."""
     return ("joints", name) if name else ("joint",)
 
 

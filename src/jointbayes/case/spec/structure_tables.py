@@ -225,7 +225,7 @@ class BeamsSpec(Spec):
 
 
 class StructureBase(Spec):
-    """What is asked of a structure's table, whatever its kind."""
+    """What is asked of a structure's table of any kind."""
 
     kind: Annotated[str, KIND]
     supports: Labels = key_field("a list of the DOFs held fixed", ["1:y"], ())
@@ -622,7 +622,7 @@ class BodySpec(_Stuff):
 
 
 class BesideSpec(BeamsSpec, BodySpec):  # type: ignore[misc]  # what a body may leave out it must state
-    """A body of beams beside an imported model, which joints alone connect with it."""
+    """A body of beams next to an imported model; joints alone connect the two."""
 
     shear_coefficient: Annotated[_Shears, _SHEARS] = "cowper"
     section: Annotated[SectionSpec, _SECTION]

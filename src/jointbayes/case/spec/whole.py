@@ -80,7 +80,7 @@ BEFORE_OBJECTS: ContextVar[Callable[[], None]] = ContextVar("BEFORE_OBJECTS", de
 class CaseSpec(Spec):
     """A whole case file; of one that builds on another what both are together, without `extends`.
 
-    Of several tests it is that of one: the rest of the file with what the test changes.
+    Of several tests it is the case of one: the rest of the file with what the test changes.
     """
 
     extends: Annotated[str, _EXTENDS] = ""
@@ -471,7 +471,7 @@ def _foreign_quantities(uncertain: UncertainSpec, structure: StructureBase) -> I
 
 
 def _damping_findings(uncertain: UncertainSpec, structure: StructureBase) -> Iterator[Finding]:
-    """Yield uncertain damping that is not that of the structure, is a factor on zero, or passes the critical one."""
+    """Yield uncertain damping that the structure does not have, is a factor on zero, or passes the critical one."""
     damping = structure.damping
     for name, law in (("damping_ratio", "modal"), ("loss_factor", "loss_factor")):
         prior, values = getattr(uncertain, name), damping.values.get(name)

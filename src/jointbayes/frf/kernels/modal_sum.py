@@ -13,7 +13,7 @@ from jointbayes.frf.kernels.compiled import LANES, compiled, inner, lane_blocks
 from vibrecords.arrays import Array, ComplexArray, Flags
 
 #: A mode with λ above this many times the square of the band's end is interpolated. Its nearest singularity lies at
-#: 2·5 − 1 = 9 half-widths from the middle of the band in ω²: of what these modes contribute, which is little beside a
+#: 2·5 − 1 = 9 half-widths from the middle of the band in ω²: of what these modes contribute, which is little next to a
 #: resonance, (9 + √80)^−N is lost, 1e-10 for N = 8.
 _FAR = 5.0
 _NODES = 8

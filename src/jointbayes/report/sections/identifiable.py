@@ -101,7 +101,7 @@ def _what_contraction_is(shown: Iterable[str]) -> str:
 
 
 def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
-    """Prior and posterior of whatever else is uncertain; None where nothing is."""
+    """Prior and posterior of all else that is uncertain; None where nothing is."""
     nuisances = inputs.summary.nuisances
     if not nuisances:
         return None

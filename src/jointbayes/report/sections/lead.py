@@ -270,7 +270,7 @@ def _answers(inputs: ReportInputs) -> list[_Answer]:
     if workshop is None:
         return [run]
     freed = _Answer(_WORKSHOP, workshop)
-    # of what was measured nobody knows all else exactly, so that the workshop's is the answer and comes first
+    # with measured data all else is not known exactly, so that the workshop's is the answer and comes first
     return [run, freed] if inputs.summary.fit.synthetic_data else [freed, run]
 
 

@@ -24,7 +24,7 @@ from vibrecords.arrays import Array
 
 _DRAWS = 1000
 _MOST_ROWS, _MOST_FIGURES, _MOST_SHAPES = 60, 8, 6
-_SAME = 0.05  # of a frequency: a peak farther from it is that of another mode
+_SAME = 0.05  # of a frequency: a peak farther from it belongs to another mode
 #: Either way, of a difference for 1 % of a stiffness: near the edge of what is positive semidefinite 1 % leaves it.
 _STEP = 1e-5
 _KNOWN_PERCENT = 0.1  # to which a test usually knows a natural frequency
@@ -35,7 +35,7 @@ _PEAKS = (
 
 
 def frequency_section(inputs: TestInputs) -> ReportSection | None:
-    """Natural frequencies of the model beside those of the data; None where there are neither."""
+    """Natural frequencies of the model next to those of the data; None where there are neither."""
     frequencies, peaks = inputs.summary.natural_frequencies_hz, inputs.summary.diagnosis.modes
     measured, modes = frequencies.measured, inputs.problem.test.data.modes
     best = np.array(frequencies.map or [peak.predicted_hz for peak in peaks])

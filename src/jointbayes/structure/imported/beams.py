@@ -1,4 +1,4 @@
-"""Beams beside an imported model, such as a tool in a meshed holder: nothing but joints connects them."""
+"""Beams next to an imported model, such as a tool in a meshed holder: nothing but joints connects them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from vibrecords.arrays import Array
 
 
 def with_beams(model: FeModel, bodies: Mapping[str, FrameBody], top_hz: float) -> tuple[FeModel, dict[str, int]]:
-    """The model with bodies of beams beside it, meshed up to a frequency in Hz, and their points' node numbers.
+    """The model with bodies of beams added, meshed up to a frequency in Hz, and their points' node numbers.
 
     Each body is a part, whose modulus and density may be uncertain; points are named as ``"tool.tip"``. The matrix C of
     the model damps no beam.

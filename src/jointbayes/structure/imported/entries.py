@@ -54,7 +54,7 @@ class Entries:
 
 @dataclass(frozen=True)
 class Exported:
-    """What a file holds: matrices by their role, ``""`` of one that the file does not tell, and what is beside them.
+    """What a file holds: matrices by their role, ``""`` of one that the file does not tell, and what comes with them.
 
     `axes` are those of nodes whose DOFs stand in a system of their own: a column for each direction, shape (3, 3).
     """

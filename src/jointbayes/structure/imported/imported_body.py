@@ -294,12 +294,12 @@ class ImportedFamily(UncertainBody):
         return min(self.top_hz * math.exp(widest), max(self.recipe.top_hz, self.top_hz))
 
     def reach_hz(self, count: int) -> float:
-        """A frequency above the first `count` natural frequencies, Hz, or that of the reduction: data end below it."""
+        """A frequency above the first `count` natural frequencies, Hz, or the reduction's limit: data end below it."""
         return min(self.nominal.reach_hz(count), self.recipe.top_hz)
 
     @cached_property
     def _axes(self) -> dict[str, Powers]:
-        """What changes modes by more than factors: parts, and masses of accelerometers beside the model's."""
+        """What changes modes by more than factors: parts, and masses of accelerometers in addition to the model's."""
         axes: dict[str, Powers] = {
             q: {q: 1.0} for q in self.names if q.rpartition(".")[2] in PART_QUANTITIES and "." in q
         }

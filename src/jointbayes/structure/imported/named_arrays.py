@@ -59,7 +59,7 @@ def read_named_arrays(path: Path, kind: str) -> Exported:
     return Exported(matrices, rows, *((unique, places[first]) if len(places) else ()))
 
 
-def _first(block: Block, names: tuple[str, ...]) -> Any:  # noqa: ANN401 (whatever a file holds)
+def _first(block: Block, names: tuple[str, ...]) -> Any:  # noqa: ANN401 (anything a file holds)
     lower = {name.lower(): value for name, value in block.items()}
     return next((lower[name] for name in names if name in lower), None)
 

@@ -55,7 +55,7 @@ def read_op4(path: Path) -> Exported:
 
 
 def read_assembly(path: Path) -> Exported:
-    """Map of the DOFs of a superelement from its ``.asm``, and from EXTRN of the ``.pch`` beside it.
+    """Map of the DOFs of a superelement from its ``.asm``, and from EXTRN of the ``.pch`` next to it.
 
     Raises
     ------

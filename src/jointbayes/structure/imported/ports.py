@@ -120,7 +120,7 @@ def port_forms(model: FeModel, port: Port, name: str) -> dict[str, Array]:
     else:
         known = [0, 1, 2]
     rotation = (axes[:, turned] / sizes[turned]) @ (axes[:, turned].T @ turning)
-    # u at the point is that of the nodes' middle plus θ × (point − middle)
+    # u at the point is u of the nodes' middle plus θ × (point − middle)
     at_point = translation - np.cross(rotation, mean_arm, axisa=0, axisc=0)
     forms = {way: at_point[d] for d, way in enumerate("xyz")}
     return forms | {f"r{'xyz'[d]}": rotation[d] for d in known}

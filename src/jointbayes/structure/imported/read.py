@@ -1,4 +1,4 @@
-"""`read_structure`: a finite-element model from the files of whatever program, told by what is in them."""
+"""`read_structure`: a finite-element model from the files of any program, told by what is in them."""
 
 import math
 import re
@@ -48,7 +48,7 @@ def read_structure(
 ) -> FeModel:
     """A structure without its joints from the files of a finite-element program.
 
-    What kind a file is of is told by what is in it. Files that a program writes beside each other are found by their
+    What kind a file is of is told by what is in it. Files that a program writes together are found by their
     names: ``.mas`` and ``.dof`` of CalculiX, ``_MASS`` of Abaqus, ``.asm`` of Nastran, ``.mapping`` of Ansys, and the
     ``.inp`` of CalculiX and Abaqus for the coordinates.
 
@@ -266,7 +266,7 @@ def holds_matrices(path: Path) -> bool:
 
 
 def _read(path: Path, read: Callable[[Path], Exported]) -> Exported:
-    """What a reader makes of a file; whatever it stumbles on is one line that names it."""
+    """What a reader makes of a file; any fault is one line that names it."""
     try:
         if not path.is_file():
             raise fault(path, "no such file" if not path.exists() else "no regular file", "a file", "correct the path")
@@ -278,7 +278,7 @@ def _read(path: Path, read: Callable[[Path], Exported]) -> Exported:
         raise
     except MeasurementError as error:
         raise ModelError(f"{path}: {error}") from None
-    except Exception as error:  # of libraries, on damaged bytes: whatever these lead them to
+    except Exception as error:  # of libraries, on damaged bytes: anything
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         found = f"content that cannot be read ({reason})"
         raise fault(str(path)[:300], found, "a complete file", "copy or export it again") from None
@@ -318,7 +318,7 @@ def _matrices(path: Path) -> Exported:
 
 
 def _beside(path: Path, what: str) -> Path | None:
-    """The file that a program writes beside this one; None where there is none."""
+    """The file that a program writes with this one; None where there is none."""
     suffix, stem = path.suffix.lower(), path.stem
     job = re.sub(r"_STIF\d*$", "", stem)
     names = {

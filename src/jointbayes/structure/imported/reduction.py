@@ -35,7 +35,7 @@ _DENSE = 400  # a model of so few DOFs is solved whole
 _MODES_FIRST, _MOST_MODES = 24, 600
 _SOLVED = 1.0  # of a unit load at each DOF, which is some hundreds in length
 _SAME = 1e-9  # a vector of which less than this is new adds rounding only
-_NEAR_ZERO = 1e-2  # of the shift: an eigenvalue below may be that of a rigid-body mode
+_NEAR_ZERO = 1e-2  # of the shift: an eigenvalue below may belong to a rigid-body mode
 _POLISHED, _NEW = 3, 1e-6  # inverse iterations on such a mode, and what of it must be new
 _STATIC = 1e-12  # part of the largest inverse eigenvalue below which a vector has no mass: it answers at once
 #: A motion is a rigid body's if its strain energy is no more than so many times the rounding of φᵀ|K|φ, or than a few

@@ -129,7 +129,7 @@ def read_abaqus(path: Path) -> Exported:
 def read_substructure(path: Path) -> Exported:
     """K, M and viscous C of a substructure, ``*USER ELEMENT`` with ``*MATRIX, TYPE=``, and its map.
 
-    The nodes stand in comments. The first line of DOFs is that of the first node; a further line names the node from
+    The nodes stand in comments. The first line of DOFs belongs to the first node; a further line names the node from
     which on others hold, by its place. Nodes below 1 are modes: generalised coordinates. Each matrix is a triangle.
 
     Raises
