@@ -33,7 +33,7 @@ from jointbayes.sampling.stopping import (
 from vibrecords.arrays import Array
 
 _LANDED = 256  # climbs of each origin, twice as many at each further trial
-_TRIALS = 4
+_TRIALS = 6
 _HIGH = 25.0  # below the best in log density: what ended lower is not where the density is
 _ROUNDS, _DRAWS = 7, 2000  # in which an origin's kernels are adapted
 _UNCHANGED = 2  # last rounds, after which no kernel is added
