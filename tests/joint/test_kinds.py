@@ -293,6 +293,12 @@ PLAIN = pytest.mark.parametrize("names", [(), ("k11",), ("k22",), ("k11", "k22")
 KNOWN = {"k11": 3e8, "k22": 2e5}
 
 
+@pytest.mark.parametrize(("absent", "stiffness"), [(False, 1e30), (True, 0.0)])
+def test_a_spring_that_is_not_named_is_rigid_or_absent(absent, stiffness):
+    values = jb.PlainSprings(("k22",), absent=absent).values(np.log([2e5]))
+    np.testing.assert_allclose(values, [stiffness, 0.0, 2e5])
+
+
 @PLAIN
 def test_named_springs_are_coordinates_and_the_others_rigid(names):
     springs, theta = jb.PlainSprings(names), np.log([KNOWN[name] for name in names])

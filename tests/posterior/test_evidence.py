@@ -119,7 +119,6 @@ class TestBridge:
         assert abs(found.log_z - OFF) < 4 * found.error < 0.06
         assert found.trusted
 
-    @pytest.mark.science
     @pytest.mark.parametrize(("name", "repeated"), [*((name, 0) for name in KNOWN), ("seven", 2500), ("modes", 2500)])
     def test_the_error_is_the_scatter_of_repetitions(self, name, repeated):
         runs = [found_from(name, seed, repeated=repeated) for seed in range(20)]

@@ -208,6 +208,13 @@ def test_an_end_is_open_where_the_prior_ends_before_the_likelihood_has_fallen_fa
     assert is_open or high == pytest.approx(math.exp(centre + Z95 * sd), rel=2e-3)
 
 
+def test_what_lies_below_the_level_is_no_end():
+    reached, heights = np.log([[1e7, 1e7], [2e7, 1e7], [4e7, 1e7]]), np.array([-1.0, -1.009, -1.5])
+    stated = springs(one)
+    farthest = LikelihoodRegion(stated, stated.draws())._farthest(reached, heights, 0, -1.0, 1.0)
+    np.testing.assert_array_equal(farthest, reached[1])
+
+
 @pytest.mark.science
 def test_limits_at_the_end_of_a_thin_curved_ridge_are_those_of_the_profile():
     """Three frequencies of three unknowns: to the far end steps as wide as all draws do not lead."""

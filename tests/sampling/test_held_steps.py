@@ -57,7 +57,6 @@ def held(held_and_blocks):
     return held_and_blocks[0]
 
 
-@pytest.mark.whole
 def test_a_long_run_holds_every_so_many_steps_of_the_same_run(whole, held):
     assert (whole.every, held.every) == (1, 8)
     np.testing.assert_array_equal(held.theta, whole.theta[:, 7::8])
