@@ -156,14 +156,11 @@ def normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
     """Jᵀe, shape (n, c), and JᵀJ, shape (n, c, c), of the moving columns, by differences inside the support."""
     columns, prior = squares.columns, squares.prior
     n, c = len(theta), columns.size
-    _, high = prior.support
     step = _STEP * np.minimum(prior.sd, 1.0)[columns]
     offsets = np.zeros((c, theta.shape[1]))
     offsets[np.arange(c), columns] = step
-    moved = theta[:, None] + offsets
-    outside = (moved > high).any(axis=-1) | ~prior.feasible(moved)
-    moved = np.where(outside[..., None], theta[:, None] - offsets, moved)
-    step = np.where(outside, -step, step)
+    side = side_inside(prior, theta[:, None], offsets)
+    moved, step = theta[:, None] + side[..., None] * offsets, side * step
     gradient, normal = np.empty((n, c)), np.empty((n, c, c))
     if squares.linearised is not None:
         for i, point in enumerate(theta):
@@ -184,6 +181,12 @@ def normal_equations(squares: Squares, theta: Array) -> tuple[Array, Array]:
     finite = np.isfinite(gradient).all(axis=1) & np.isfinite(normal).all(axis=(1, 2))
     gradient[~finite], normal[~finite] = 0.0, np.eye(c)
     return gradient, normal
+
+
+def side_inside(prior: JointPrior, theta: Array, move: Array) -> Array:
+    """1, or −1 where a small move up, shape (..., d), would lead from θ, shape (..., d), out of the support."""
+    moved = theta + move
+    return np.where((moved > prior.support[1]).any(axis=-1) | ~prior.feasible(moved), -1.0, 1.0)
 
 
 class PosteriorSquares:

@@ -7,7 +7,7 @@ widths of the prior comes down on the nearest part of it, so that climbs from ev
 import numpy as np
 from scipy.stats import qmc
 
-from jointbayes.inference.climb import PosteriorSquares, climb_all
+from jointbayes.inference.climb import PosteriorSquares, climb_all, side_inside
 from jointbayes.inference.log_posterior import LogPosterior
 from vibrecords.arrays import Array, Indices
 
@@ -141,8 +141,7 @@ class Landing:
         jacobian = np.empty((*here.shape, self.sd.size))
         for column, (free, sd) in enumerate(zip(self._free, self.sd, strict=True)):
             move = _STEP * min(sd, 1.0) * np.eye(points.shape[1])[free]
-            outside = (points + move > prior.support[1]).any(axis=1) | ~prior.feasible(points + move)
-            side = np.where(outside, -1.0, 1.0)[:, None]
+            side = side_inside(prior, points, move)[:, None]
             jacobian[..., column] = (white(points + side * move) - here) * side * (sd / move[free])
         jacobian[~np.isfinite(jacobian).all(axis=(1, 2))] = 0.0
         return here, jacobian
@@ -152,12 +151,11 @@ class Landing:
         prior, known = self._posterior.prior, np.isin(self._free, self._squares.columns)
         precision = np.matmul(jacobian.swapaxes(1, 2), jacobian) * np.outer(known, known)
         for column in np.flatnonzero(~known):  # parameters of the noise
-            move = 1e-2 * prior.sd[self._free[column]] * np.eye(points.shape[1])[self._free[column]]
+            free, sd = self._free[column], self.sd[column]
+            move = 1e-2 * sd * np.eye(points.shape[1])[free]
             second = sum(self._posterior(points + side * move) for side in (1, -1)) - 2 * self._posterior(points)
             second = np.where(np.isfinite(second), second, 0.0) / 1e-2**2
-            precision[:, column, column] = np.maximum(
-                -second - prior.precision[self._free[column]] * self.sd[column] ** 2, 0.0
-            )
+            precision[:, column, column] = np.maximum(-second - prior.precision[free] * sd**2, 0.0)
         diagonal = np.arange(self.sd.size)
         precision[:, diagonal, diagonal] += prior.precision[self._free] * self.sd**2
         values, vectors = np.linalg.eigh(precision)
