@@ -24,7 +24,7 @@ ROOMS = {
     "identification": (1250, 1410),
     "sampling": (1300, 2180),
     "posterior": (3700, 4950),
-    "studies": (1700, 1740),
+    "studies": (1700, 1690),
     "case": (4000, 4760),
     "report": (2900, 3450),
     "cli and what stands alone": (1400, 1850),

@@ -12,7 +12,7 @@ import numpy as np
 from jointbayes.case.case import AnyCase, Case, require_case
 from jointbayes.errors import CaseError, JointBayesError, ModelError, went
 from jointbayes.identification import MapEstimate
-from jointbayes.inference import JointPrior, Problem, hypothesis_problem
+from jointbayes.inference import Problem, hypothesis_problem
 from jointbayes.joint import COUPLED, HYPOTHESES, RIGID, USUAL_HYPOTHESES, Quantity
 from jointbayes.joint.quantities import split_hypothesis
 from jointbayes.phrases import listed
@@ -119,25 +119,50 @@ _IN_SHORT = {
 def evidence_table(summary: dict[str, Any]) -> Table:
     """All candidates, the best first, with how ln Z was found."""
     head = ("Joint", "Case", "ln Z", "Method", "2 ln B", "Evidence against it", "Probability", "Mark")
-    rows = _ranked(summary)
-    kinds = tuple(
-        "good" if row["words"] == "best" else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else ""
-        for row in rows
-    )
+    rows, kinds = [], []
+    for row in _ranked(summary):
+        best, error = row["words"] == "best", f" ± {number(row['log_z_error'], 1)}"
+        marks = ["best"] * best + ["error unreliable"] * (not row["trusted"])
+        marks += [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
+        log_z = f"{row['log_z']:.2f}".replace("-", "−") + ("" if row["method"] in ("exact", "Laplace") else error)
+        case, against = foreign(row["case"]), "–" if best else row["words"]
+        cells = case, log_z, row["method"], f"{row['two_log_b']:.1f}", against, number(row["probability"], 2)
+        rows.append((row["hypothesis"], *cells, ", ".join(marks)))
+        kinds.append("good" if best else "bad" if not row["trusted"] else "caution" if row["at_prior_edge"] else "")
     note = report_text("evidence", limit=LARGEST_ERROR)
-    return Table("Evidence", head, tuple(map(_evidence_row, rows)), note=note, row_kinds=kinds)
+    return Table("Evidence", head, tuple(rows), note=note, row_kinds=tuple(kinds))
 
 
 def build_comparison_report(summary: dict[str, Any], tested: Problem | None = None) -> Report:
     """Build the report of a comparison from the numbers of ``compare.json`` and the test to sketch."""
+    candidates = summary["candidates"]
+    # 1. What was found
+    kind: Kind = "good" if summary["trusted"] and summary["decided"] else "caution"
+    lead: list[Block] = [Callout(kind, f"**{foreign(summary['finding'])}**")]
+    if not summary["trusted"]:
+        names = ", ".join(f"{row['hypothesis']} in {foreign(row['case'])}" for row in candidates if not row["trusted"])
+        lead.append(Callout("bad", f"**The error of the evidence is unreliable for: {names}.**"))
+    # 2. The best joint of each candidate
+    units = {name: unit for row in candidates for name, unit in row["units"].items()}
+    joints = []
+    for row in _ranked(summary):
+        values = {name: number(value).replace("-", "−", 1) for name, value in row["map"].items() if value is not None}
+        values |= dict.fromkeys(row["rigid"], "rigid")
+        joints.append((row["hypothesis"], foreign(row["case"]), *(values.get(name, "–") for name in units)))
+    head = ("Joint", "Case", *(f"{foreign(name)} ({unit})" for name, unit in units.items()))
+    # 3. How to read it
+    present = dict.fromkeys(row["hypothesis"] for row in candidates)
+    texts = ["; ".join(f"**{name}**: {_meaning(name)}" for name in present) + ".", report_text("comparison")]
+    texts += [report_text("nested")] if any(row["method"] == "nested sampling" for row in candidates) else []
+    best = Table("Stiffness at the posterior mode", head, tuple(joints))
     return Report(
         title="Comparison of joints",
-        subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in summary["candidates"])),
-        lead=(*_lead(summary), *sketch_figure(tested)),
+        subtitle=" against ".join(dict.fromkeys(foreign(row["title"]) for row in candidates)),
+        lead=(*lead, *sketch_figure(tested)),
         sections=(
             ReportSection("evidence", "Evidence", (evidence_table(summary),)),
-            ReportSection("joints", "Best joint of each candidate", (_joint_table(summary),)),
-            ReportSection("reading", "How to read this", _reading(summary)),
+            ReportSection("joints", "Best joint of each candidate", (best,)),
+            ReportSection("reading", "How to read this", tuple(map(Paragraph, texts))),
             settings_section(("Seed", str(summary["seed"])), ("Data (SHA-256)", summary["data_sha256"])),
         ),
     )
@@ -145,56 +170,6 @@ def build_comparison_report(summary: dict[str, Any], tested: Problem | None = No
 
 def _ranked(summary: dict[str, Any]) -> list[Row]:
     return sorted(summary["candidates"], key=lambda row: -float(row["log_z"]))
-
-
-def _evidence_row(row: Row) -> tuple[str, ...]:
-    error = "" if row["method"] in ("exact", "Laplace") else f" ± {number(row['log_z_error'], 1)}"
-    marks = ["best"] * (row["words"] == "best") + ["error unreliable"] * (not row["trusted"])
-    marks += [f"{edge['name']} at its {edge['side']} edge" for edge in row["at_prior_edge"]]
-    return (
-        row["hypothesis"],
-        foreign(row["case"]),
-        f"{row['log_z']:.2f}".replace("-", "−") + error,
-        row["method"],
-        f"{row['two_log_b']:.1f}",
-        "–" if row["words"] == "best" else row["words"],
-        number(row["probability"], 2),
-        ", ".join(marks),
-    )
-
-
-def _lead(summary: dict[str, Any]) -> tuple[Block, ...]:
-    kind: Kind = "good" if summary["trusted"] and summary["decided"] else "caution"
-    blocks: list[Block] = [Callout(kind, f"**{foreign(summary['finding'])}**")]
-    if not summary["trusted"]:
-        names = ", ".join(
-            f"{r['hypothesis']} in {foreign(r['case'])}" for r in summary["candidates"] if not r["trusted"]
-        )
-        blocks.append(Callout("bad", f"**The error of the evidence is unreliable for: {names}.**"))
-    return tuple(blocks)
-
-
-def _joint_table(summary: dict[str, Any]) -> Table:
-    units = {name: unit for row in summary["candidates"] for name, unit in row["units"].items()}
-    head = ("Joint", "Case", *(f"{foreign(name)} ({unit})" for name, unit in units.items()))
-    rows = tuple(
-        (row["hypothesis"], foreign(row["case"]), *(_stiffness_cell(row, name) for name in units))
-        for row in _ranked(summary)
-    )
-    return Table("Stiffness at the posterior mode", head, rows)
-
-
-def _stiffness_cell(row: Row, name: str) -> str:
-    if name in row["rigid"]:
-        return "rigid"
-    return number(row["map"][name]).replace("-", "−", 1) if name in row["map"] else "–"
-
-
-def _reading(summary: dict[str, Any]) -> tuple[Block, ...]:
-    present = dict.fromkeys(row["hypothesis"] for row in summary["candidates"])
-    texts = ["; ".join(f"**{name}**: {_meaning(name)}" for name in present) + ".", report_text("comparison")]
-    texts += [report_text("nested")] if any(row["method"] == "nested sampling" for row in summary["candidates"]) else []
-    return tuple(map(Paragraph, texts))
 
 
 def _won(first: str, second: str, two_log_b: float) -> str:
@@ -205,12 +180,6 @@ def _won(first: str, second: str, two_log_b: float) -> str:
         return f"Cannot decide between {first} and {second}: odds {odds(two_log_b)}."
     words = bayes_factor_words(two_log_b)
     return f"{sentence_start(first)}, not {second}: odds {odds(two_log_b)}, {words} evidence."
-
-
-def _short_meaning(hypothesis: str) -> str:
-    """A joint in a few words: ``"springs without coupling"``."""
-    undamped, joint = split_hypothesis(hypothesis)
-    return f"{_IN_SHORT[joint]}{', undamped' if undamped else ''}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,7 +339,8 @@ class Comparison:
             first, second = self.labels.get(first, first), self.labels.get(second, second)
             sentences.append(_won(first, second, 2 * (best - next_best)))
         # over all cases: a joint that is out of the question in the best case may still explain the data in another
-        joints = [_short_meaning(hypothesis) for hypothesis in self.by_joint]
+        each = map(split_hypothesis, self.by_joint)
+        joints = [f"{_IN_SHORT[joint]}{', undamped' if undamped else ''}" for undamped, joint in each]
         best, *others = self.by_joint.values()
         twice = [2 * (best - log_z) for log_z in others]
         if others:
@@ -589,10 +559,19 @@ def _weighed(
             rng = np.random.default_rng([seed, *case.name.encode(), 256 + list(HYPOTHESES).index(name)])
             chains = draws_of(problem, found[name], seed, tell)
             draws, converged, density = chains.draws(), chains.converged, problem.log_posterior
-            edges = _piled_up(problem.prior, draws.theta.reshape(-1, len(problem.names)))
+            prior = problem.prior
+            low, high = prior.support
+            of_each = enumerate(zip(prior.names, prior.all_marginals, draws.theta.reshape(-1, len(low)).T, strict=True))
+            for i, (coordinate, marginal, values) in of_each:
+                if not np.isfinite(marginal.support).all():
+                    continue
+                place = (values - low[i]) / (high[i] - low[i])
+                below, within = marginal.cdf(low[i] + np.array([_EDGE, 1 - _EDGE]) * (high[i] - low[i])).tolist()
+                for side, near, before in ("low", place < _EDGE, below), ("high", place > 1 - _EDGE, 1 - within):
+                    if (share := float(near.mean())) > _PILED * max(before, _EDGE):
+                        edges = (*edges, PriorEdge(coordinate, side, share))
             # 3. weigh
             if nested:
-                prior = problem.prior
                 weighed = nested_evidence(density.log_likelihood, prior.transform, len(prior.names), rng, tell=tell)
             else:
                 weighed = evidence(density, coordinate_systems(problem), draws, rng)
@@ -600,18 +579,3 @@ def _weighed(
         yield WeighedModel(
             case.name, case.title, name, problem.names, stiffness, weighed, edges, problem.quantities, converged
         )
-
-
-def _piled_up(prior: JointPrior, draws: Array) -> tuple[PriorEdge, ...]:
-    """Edges with more than twice the probability nearby that the prior has there."""
-    low, high = prior.support
-    edges = []
-    for i, (name, marginal) in enumerate(zip(prior.names, prior.all_marginals, strict=True)):
-        if not np.isfinite(marginal.support).all():
-            continue
-        place = (draws[:, i] - low[i]) / (high[i] - low[i])
-        shares = {"low": float((place < _EDGE).mean()), "high": float((place > 1 - _EDGE).mean())}
-        below, within = marginal.cdf(low[i] + np.array([_EDGE, 1 - _EDGE]) * (high[i] - low[i])).tolist()
-        before = {"low": max(below, _EDGE), "high": max(1 - within, _EDGE)}
-        edges += [PriorEdge(name, side, share) for side, share in shares.items() if share > _PILED * before[side]]
-    return tuple(edges)

@@ -14,7 +14,6 @@ from jointbayes.case.case_text import CaseText, read_case_text
 from jointbayes.case.parse import parse_case
 from jointbayes.case.spec.settings_tables import LobesSpec
 from jointbayes.case.spec.structure_tables import ImportedSpec
-from jointbayes.case.spec.whole import CaseSpec
 from jointbayes.errors import CaseError, JointBayesError, ModelError
 from jointbayes.frf import Ports
 from jointbayes.inference import Nuisance
@@ -111,8 +110,10 @@ def read_other(path: str | os.PathLike[str], allow_outside: bool = False) -> Oth
         raise
     except JointBayesError as error:
         raise CaseError(source.fault(("structure", *getattr(error, "key", ())), str(error))) from error
-    return OtherCase(Path(path).stem, spec.title or Path(path).stem, recipe, joint, *_uncertain(spec), ports,
-                     asked.quantity, source.text, asked.lobes)  # fmt: skip
+    uncertain = [(nuisance, own) for nuisance, own in quantities_of(spec) if nuisance.name != "gain"]
+    of_all, of_own = tuple(n for n, _ in uncertain), frozenset(n.name for n, own in uncertain if own)
+    name, quantity = Path(path).stem, asked.quantity
+    return OtherCase(name, spec.title or name, recipe, joint, of_all, of_own, ports, quantity, source.text, asked.lobes)
 
 
 #: Distance of the lines of lobes, Hz: on lines of 2 Hz the limiting depth was up to 1.4 % too large.
@@ -142,11 +143,6 @@ def predict_lobes(posterior: Posterior, other: OtherCase, test: str | None = Non
     return Lobes(speeds, np.array([limiting_depth(cut, lines, x, y, speeds) for x, y in each]))
 
 
-def _uncertain(spec: CaseSpec) -> tuple[tuple[Nuisance, ...], frozenset[str]]:
-    of_structure = [(n, own) for n, own in quantities_of(spec) if n.name != "gain"]
-    return tuple(n for n, _ in of_structure), frozenset(n.name for n, own in of_structure if own)
-
-
 def _without_data(source: CaseText, asked: Mapping[str, Any]) -> CaseText:
     """The case with the DOFs that are asked as channels of a measurement that is never read."""
     rest = {key: value for key, value in source.data.items() if key not in _OF_DATA}
@@ -169,8 +165,15 @@ A_PREDICTION = "a prediction"
 def prediction_lines(found: OtherStructure, posterior: Posterior, lobes: Lobes | None = None) -> list[str]:
     """What is printed of a prediction."""
     lines = [f"mode {mode}: {median}, {percent(found)} interval {ends}" for mode, median, ends, _ in found.rows()]
+    frf = found.frf
+    for i, j in np.ndindex(frf.magnitude.shape[1:]):  # the highest peak of each FRF
+        peak, ends = int(frf.magnitude[:, i, j].argmax()), (frf.magnitude, frf.magnitude_low, frf.magnitude_high)
+        size, low, high = (number(float(values[peak, i, j]), 3) for values in ends)
+        between, at = f"{frf.outputs[i]} / {frf.inputs[j]}", number(float(frf.frequency_hz[peak]), 4)
+        unit = frf_unit(frf.quantity, frf.outputs[i], frf.inputs[j])
+        lines.append(f"{between}: highest at {at} Hz, {size} {unit} ({low} to {high})")
     cut = lobes.lines() if lobes else []
-    return [*lines, *_bands(found), *cut, *joint_sentences(posterior), *found.premises, *found.never_asked]
+    return [*lines, *cut, *joint_sentences(posterior), *found.premises, *found.never_asked]
 
 
 def _run_of(posterior: Posterior) -> str:
@@ -182,27 +185,12 @@ def percent(found: OtherStructure) -> str:
     return f"{100 * found.frf.probability:g} %"
 
 
-def _bands(found: OtherStructure) -> list[str]:
-    """The highest peak of each FRF with its interval."""
-    frf, lines = found.frf, []
-    for i, output in enumerate(frf.outputs):
-        for j, input_ in enumerate(frf.inputs):
-            peak = int(frf.magnitude[:, i, j].argmax())
-            low, size, high = (x[peak, i, j] for x in (frf.magnitude_low, frf.magnitude, frf.magnitude_high))
-            unit = frf_unit(frf.quantity, output, input_)
-            lines.append(
-                f"{output} / {input_}: highest at {number(float(frf.frequency_hz[peak]), 4)} Hz, "
-                f"{number(float(size), 3)} {unit} ({number(float(low), 3)} to {number(float(high), 3)})"
-            )
-    return lines
-
-
 def build_prediction_report(
     found: OtherStructure, other: OtherCase, posterior: Posterior, lobes: Lobes | None = None
 ) -> Report:
     """Build the report of a prediction, natural frequencies first."""
-    run = _run_of(posterior)
-    first = found.rows()[0]
+    # 1. The first natural frequency, and what it rests on
+    run, frf, first = _run_of(posterior), found.frf, found.rows()[0]
     cautions = (*joint_sentences(posterior), *found.never_asked)
     kind: Kind = "caution" if cautions else "good"
     lead: list[Block] = [
@@ -220,20 +208,59 @@ def build_prediction_report(
         align="llll",
     )
     premises = tuple(Paragraph(foreign(sentence)) for sentence in found.premises)
+    # 2. Figures of the FRFs
+    figures = []
+    for i, j in np.ndindex(frf.magnitude.shape[1:]):
+        output, input_ = between = frf.outputs[i], frf.inputs[j]
+        low, median, high = (values[:, i, j] for values in (frf.magnitude_low, frf.magnitude, frf.magnitude_high))
+        axes = {"yscale": "log", "xlabel": "Frequency (Hz)", "ylabel": f"|H| ({frf_unit(frf.quantity, *between)})"}
+        drawing = _drawn(frf.frequency_hz, median, [("", 0.3, low, high)], 3.2, **axes)
+        about = f"{output} / {input_}: median and {percent(found)} band of {frf.quantity}."
+        what = f"Predicted {frf.quantity} of {output} by {input_}."
+        figures.append(Figure(f"frf-{i + 1}-{j + 1}", about, what, drawing))
     sections = [
         ReportSection("modes", "Natural frequencies", (table,)),
-        ReportSection("frfs", "FRFs", _figures(found)),
+        ReportSection("frfs", "FRFs", tuple(figures)),
         ReportSection("premises", "What this rests on", (joint, *premises)),
         settings_section(("Structure", foreign(other.recipe.what)), ("Joint of", foreign(run))),
     ]
-    if lobes is not None:
-        sections.insert(2, ReportSection("lobes", "Stability lobes", _lobe_blocks(lobes, other)))
+    # 3. The lobes of a milling cut
+    if lobes is not None and (asked := other.lobes) is not None:
+        low, inner_low, median, inner_high, high = 1e3 * lobes.bands
+        bands, most = [("95 %", 0.2, low, high), ("50 %", 0.4, inner_low, inner_high)], low[np.isfinite(low)]
+        axes = {"xlabel": "Spindle speed (rev/min)", "ylabel": "Limiting depth of cut (mm)"}
+        ends = (0, 1.3 * float(most.max()) if most.size else 1)
+        drawing = _drawn(lobes.speeds, median, bands, 3.6, **axes, ylim=ends)
+        text = "Depth of cut at which chatter begins: median, 50 and 95 % bands of the draws."
+        cut = (
+            f"{asked.teeth} teeth, {asked.milling} milling with {100 * asked.immersion:g} % of the diameter, "
+            f"K_t = {asked.kt_mpa:g} MPa and K_r = {asked.kr:g}, taken as exact. Altintas and Budak (1995), zero order."
+        )
+        head = ("Speed (rev/min)", "Limiting depth (mm)", "50 % interval (mm)", "95 % interval (mm)")
+        deepest = Table("The least depth, and the deepest lobes", head, tuple(lobes.rows()))
+        blocks = Figure("stability-lobes", text, text, drawing), deepest, Paragraph(cut)
+        sections.insert(2, ReportSection("lobes", "Stability lobes", blocks))
     return Report(
         title=f"Prediction: {foreign(other.title)}",
         subtitle=f"with the joint of {foreign(run)}",
         lead=tuple(lead),
         sections=tuple(sections),
     )
+
+
+def _drawn(x: Array, median: Array, bands: list[tuple[str, float, Array, Array]], height: float, **axes: Any) -> str:  # noqa: ANN401
+    """SVG of a median over bands, each with its label, its opacity and its ends."""
+
+    def draw(canvas: Canvas) -> None:
+        panel, colour = panels(canvas)[0, 0], SERIES_COLOURS[0]
+        for label, opacity, low, high in bands:
+            panel.fill_between(x, low, high, color=colour, alpha=opacity, lw=0, label=label)
+        panel.plot(x, median, color=colour, lw=1.2, label="median")
+        panel.set(**axes)
+        if len(bands) > 1:
+            panel.legend(loc="upper left")
+
+    return svg(draw, 7.2, height)
 
 
 def joint_sentences(posterior: Posterior) -> tuple[str, ...]:
@@ -258,60 +285,6 @@ def joint_sentences(posterior: Posterior) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _lobe_blocks(lobes: Lobes, other: OtherCase) -> tuple[Block, ...]:
-    asked = other.lobes
-    assert asked is not None
-    low, inner_low, median, inner_high, high = 1e3 * lobes.bands
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
-        axes.fill_between(lobes.speeds, low, high, color=SERIES_COLOURS[0], alpha=0.2, lw=0, label="95 %")
-        axes.fill_between(lobes.speeds, inner_low, inner_high, color=SERIES_COLOURS[0], alpha=0.4, lw=0, label="50 %")
-        axes.plot(lobes.speeds, median, color=SERIES_COLOURS[0], lw=1.2, label="median")
-        finite = low[np.isfinite(low)]
-        axes.set(xlabel="Spindle speed (rev/min)", ylabel="Limiting depth of cut (mm)")
-        axes.set_ylim(0, 1.3 * float(finite.max()) if finite.size else 1)
-        axes.legend(loc="upper left")
-
-    text = "Depth of cut at which chatter begins: median, 50 and 95 % bands of the draws."
-    cut = (
-        f"{asked.teeth} teeth, {asked.milling} milling with {100 * asked.immersion:g} % of the diameter, "
-        f"K_t = {asked.kt_mpa:g} MPa and K_r = {asked.kr:g}, taken as exact. Altintas and Budak (1995), zero order."
-    )
-    head = ("Speed (rev/min)", "Limiting depth (mm)", "50 % interval (mm)", "95 % interval (mm)")
-    table = Table("The least depth, and the deepest lobes", head, tuple(lobes.rows()))
-    return Figure("stability-lobes", text, text, svg(draw, 7.2, 3.6)), table, Paragraph(cut)
-
-
-def _figures(found: OtherStructure) -> tuple[Block, ...]:
-    return tuple(
-        Figure(
-            f"frf-{i + 1}-{j + 1}",
-            f"{output} / {input_}: median and {percent(found)} band of {found.frf.quantity}.",
-            f"Predicted {found.frf.quantity} of {output} by {input_}.",
-            _plot(found, i, j),
-        )
-        for i, output in enumerate(found.frf.outputs)
-        for j, input_ in enumerate(found.frf.inputs)
-    )
-
-
-def _plot(found: OtherStructure, i: int, j: int) -> str:
-    frf = found.frf
-    unit = frf_unit(frf.quantity, frf.outputs[i], frf.inputs[j])
-
-    def draw(canvas: Canvas) -> None:
-        axes = panels(canvas)[0, 0]
-        low, high = frf.magnitude_low[:, i, j], frf.magnitude_high[:, i, j]
-        axes.fill_between(frf.frequency_hz, low, high, color=SERIES_COLOURS[0], alpha=0.3, lw=0)
-        axes.plot(frf.frequency_hz, frf.magnitude[:, i, j], color=SERIES_COLOURS[0], lw=1.2)
-        axes.set_yscale("log")
-        axes.set_xlabel("Frequency (Hz)")
-        axes.set_ylabel(f"|H| ({unit})")
-
-    return svg(draw, 7.2, 3.2)
-
-
 def write_prediction(
     found: OtherStructure,
     other: OtherCase,
@@ -332,23 +305,17 @@ def write_prediction(
     WriteError
         If a file cannot be written, the directory holds something else, or another process is at work in it.
     """
-    files = {"case.toml": other.text, "frf.csv": _csv(found)}
+    frf, head, columns = found.frf, ["frequency_hz"], [found.frf.frequency_hz]
+    for i, j in np.ndindex(frf.magnitude.shape[1:]):
+        head += [f"{frf.outputs[i]}/{frf.inputs[j]} {what}" for what in ("median", "low", "high", "phase_deg")]
+        columns += [x[:, i, j] for x in (frf.magnitude, frf.magnitude_low, frf.magnitude_high, frf.phase_deg)]
+    files = {"case.toml": other.text, "frf.csv": _table_text(head, columns)}
     if lobes is not None:
         head = ["speed_rpm", *(f"depth_mm {percent}" for percent in ("2.5 %", "25 %", "median", "75 %", "97.5 %"))]
         files["lobes.csv"] = _table_text(head, [lobes.speeds, *(1e3 * lobes.bands)])
     named = {"joint_of": _run_of(posterior), "case": other.name, "joint": list(joint_sentences(posterior))}
     files["prediction.json"] = json_text(json_ready(found.as_json() | named))
     return write_study(directory, A_PREDICTION, build_prediction_report(found, other, posterior, lobes), files)
-
-
-def _csv(found: OtherStructure) -> str:
-    """Magnitude with its band, and phase, of each FRF by line."""
-    frf, head, columns = found.frf, ["frequency_hz"], [found.frf.frequency_hz]
-    for i, output in enumerate(frf.outputs):
-        for j, input_ in enumerate(frf.inputs):
-            head += [f"{output}/{input_} {what}" for what in ("median", "low", "high", "phase_deg")]
-            columns += [x[:, i, j] for x in (frf.magnitude, frf.magnitude_low, frf.magnitude_high, frf.phase_deg)]
-    return _table_text(head, columns)
 
 
 def _table_text(head: list[str], columns: list[Array]) -> str:
