@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 import tempfile
@@ -94,7 +95,9 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
     """What a run of a case found, and its check where the comments promise one."""
     spec = read_case_text(path).data
     with tempfile.TemporaryDirectory() as folder:
+        before = _cpu()
         status, printed = command(Path(folder), "run", str(path))
+        seconds = _cpu() - before
         left = Path(folder) / "reports" / name
         summary = json.loads((left / "summary.json").read_text(encoding="utf-8"))
         more = example_figures.keep(name, left / "posterior.nc") if name in example_figures.examples() else {}
@@ -107,6 +110,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         "title": spec["title"],
         "seed": summary["seed"],
         "exit": status,
+        "cpu_s": float(f"{seconds:.2g}"),
         "printed": printed,
         "converged": summary["converged"],
         "explains": summary["check"]["explains"],
@@ -126,6 +130,12 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         **({"left_out": summary["left_out"]} if summary["left_out"] else {}),
         **({} if checked is None else {"check": {"exit": checked[0], "printed": checked[1]}}),
     }
+
+
+def _cpu() -> float:
+    """Return the CPU time of all processes started and ended so far, s: it depends little on what else runs."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _stiffness(name: str, entry: dict[str, Any], reference: float | None, printed: list[str]) -> dict[str, Any]:

@@ -88,6 +88,10 @@ def test_what_the_range_of_a_prior_decides_is_said_with_its_figure():
     rows = UncertainInputsRow((), "this run", {"k": KNOWN}), UncertainInputsRow(("length",), "none", {"k": held})
     assert range_sentences(SimpleNamespace(freed=rows)) == (f"With length uncertain the prior decides on k: {reason}.",)
     assert range_sentences(SimpleNamespace(freed=())) == ()
+    # where the run itself has uncertain inputs, exact ones that may be wrong say nothing
+    assert range_sentences(SimpleNamespace(freed=rows[::-1])) == range_sentences(SimpleNamespace(freed=rows))
+    as_stated = replace(rows[1], known={"k": KNOWN}), replace(rows[0], known={"k": held})
+    assert range_sentences(SimpleNamespace(freed=as_stated)) == ()
 
 
 def test_a_file_keeps_combinations_mesh_and_diagnoses_and_refuses_what_does_not_belong_together(

@@ -183,8 +183,8 @@ def test_any_number_of_uncertain_quantities_is_drawn_a_few_on_each_figure(cheap_
     drawn = chain_figures(many, 3)
     assert [f.identifier for f in drawn] == ["traces", "traces-2", "autocorrelation", "autocorrelation-2"]
     for first, second in (drawn[:2], drawn[2:]):
-        assert " of ln k11, ln k12, ln k22, ln ζ1, ln ζ2, ln ζ3, ln ζ4, ln ζ5" in first.caption
-        assert " of ln ζ6, ln ζ7, ln ζ8, ln ζ9, ln ζ10, ln ζ11" in second.caption
+        assert " of ln k11, ln k12, ln k22, ln ζ1, ln ζ2, ln ζ3, ln ζ4" in first.caption
+        assert " of ln ζ5, ln ζ6, ln ζ7, ln ζ8, ln ζ9, ln ζ10, ln ζ11" in second.caption  # as many on either
 
 
 def test_a_report_ends_with_the_terms_that_it_uses(whole):

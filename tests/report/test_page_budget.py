@@ -34,6 +34,8 @@ def test_a_section_has_its_first_block_however_high_and_room_of_others():
     plots = [figure(f"plot-{i}", 400) for i in range(3)]
     (alone,) = share_pages([plots])
     assert alone == ((plots[0],), (plots[1], plots[2]))
+    lead = [figure("lead", 300), Paragraph("word " * 400)]
+    assert share_pages([lead[::-1]]) == [(tuple(lead[::-1]), ())]  # the first figure as well, whatever stands above it
     with_room = share_pages([plots, [Paragraph("short")]])
     assert with_room[0] == ((plots[0], plots[1]), (plots[2],))
     assert with_room[1] == ((Paragraph("short"),), ())

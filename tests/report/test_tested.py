@@ -1,16 +1,19 @@
 """What page one says was tested, and its sketch: to scale, with what the problem has and where it has it."""
 
 import re
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Canvas
 
 import jointbayes as jb
 from jointbayes.report.inputs import ReportInputs
 from jointbayes.report.model import Figure, Paragraph
 from jointbayes.report.sections.lead import blocks_on_tests
-from jointbayes.report.structure_sketch import _drawing, _Places, dof_words, sketch
+from jointbayes.report.structure_sketch import _draw_test, _drawing, _Places, dof_words, sketch
 from tests.conftest import CONFIGS, cheap_text, of_case
 
 
@@ -58,6 +61,19 @@ def test_dofs_have_the_names_that_people_use():
         "3:y": "76.6 mm, vertical",
     }
     assert dof_words(problem_of("portal_frame").test, "headA:x") == "headA:x"
+
+
+def test_no_label_lies_on_another_or_on_a_wall():
+    canvas = Canvas(figsize=(3.4, 2.2), dpi=72)
+    axes = canvas.add_axes((0, 0, 1, 1))
+    _draw_test(axes, _drawing(problem_of("portal_frame")))
+    FigureCanvasAgg(canvas).draw()
+    labels = {text.get_text(): text.get_window_extent() for text in axes.texts if text.get_text()}
+    assert {"lowA:x", "B", "200 mm"} < set(labels)
+    walls = [line.get_window_extent() for line in axes.lines if line.get_linewidth() == 1.6]
+    assert len(walls) == 4
+    over = [pair for pair in combinations(labels, 2) if labels[pair[0]].overlaps(labels[pair[1]])]
+    assert (over, [name for name, box in labels.items() if any(map(box.overlaps, walls))]) == ([], [])
 
 
 def test_ground_lies_beyond_the_end_that_it_holds():

@@ -149,7 +149,7 @@ def draw_histories(row: AxesArray, titles: Sequence[str], history: Array, publis
         axes.plot(np.arange(len(history)), history[:, i], "o-", ms=2.5, lw=1, color=_BLUE)
         if published is not None:
             axes.axhline(published[i], color=_ORANGE, ls="--", lw=1, label="published")
-        axes.set_title(titles[i], fontsize=9)
+        axes.set_title(titles[i], fontsize=9, loc="right")  # the power of ten stands at the left
         axes.set_xlabel("Iteration step")
     if published is not None:
         row[-1].legend(loc="lower right")

@@ -161,7 +161,7 @@ class Wireframe:
 
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_.:-]*")
-_NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?\d.*")
+_NUMERIC_CELL = re.compile(r"[-+−±<>≤≥≈~]?\s*\.?(?!\d+:[a-z]|\d+ natural)\d.*")  # not 11:y/11:y, 3 natural frequencies
 _NOT_ISOLATED = dict.fromkeys(map(ord, "\u2068\u2069"))  # a terminal has no use for them, see `markup.foreign`
 _MOST_COLUMNS = 9  # of a table that a page of paper holds
 _ABSENT_CELL = frozenset({"", "-", "–", "—", "n/a"})

@@ -27,10 +27,10 @@ _SIZE = re.compile(r'<svg[^>]*?\bviewBox="0 0 ([\d.]+) ([\d.]+)"')
 
 
 def share_pages(sections: Sequence[Sequence[Block]]) -> list[tuple[tuple[Block, ...], tuple[Block, ...]]]:
-    """Of each section the blocks that the pages have room for, in order, and the others.
+    """Return the blocks of each section that the pages have room for, in order, and the others.
 
-    There is a page for each section. What one leaves free the others may have, the first ones first; the first block
-    of each is always shown.
+    There is a page for each section. What one leaves free the others may have, the first ones first. The first block
+    and the first figure of each are always shown.
     """
     page = _SHARE * _HEIGHT
     left = page * len(sections)
@@ -40,7 +40,8 @@ def share_pages(sections: Sequence[Sequence[Block]]) -> list[tuple[tuple[Block, 
         chosen: set[int] = set()
         for i, block in enumerate(blocks):
             height = block_height(block)
-            if height <= of_page or not chosen:
+            first_figure = isinstance(block, Figure) and not any(isinstance(blocks[j], Figure) for j in chosen)
+            if height <= of_page or not chosen or first_figure:
                 chosen.add(i)
                 of_page -= height
                 left -= height

@@ -132,19 +132,25 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
         x, y = drawing.low + 0.02 * size
         axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
-        axes.annotate(f"{1e3 * length:g} mm", (x + length / 2, y), xytext=(0, 9), **_style(_GREY))
-    # Move each label that lies on an earlier one to the first place around its point that is free
+        axes.annotate(f"{1e3 * length:g} mm", (x + length, y), xytext=(4, 0), **(_style(_GREY) | {"ha": "left"}))
+    # Move each label that lies on an earlier one, or on a wall, to the first place around its point that is free
     axes.apply_aspect()
-    taken: list[tuple[Array, Array]] = []  # middle and half size of each label, points
+    taken: list[tuple[Array, Array]] = []  # middle and half size of each wall and label, points
+    points = 72 / axes.figure.dpi
+    for mark in drawing.marks:
+        for out in mark.ground:
+            ends = [mark.place + 0.08 * size * (far * out + side * out[::-1]) for far in (0.9, 1.2) for side in (-1, 1)]
+            box = axes.transData.transform(np.array(ends)) * points
+            taken.append((box.mean(axis=0), np.ptp(box, axis=0) / 2))
     for label in (text for text in axes.texts if isinstance(text, Annotation) and text.get_text()):
-        at = axes.transData.transform(label.xy) * 72 / axes.figure.dpi
+        at = axes.transData.transform(label.xy) * points
         half = np.array([0.3 * len(label.get_text()), 0.6]) * label.get_fontsize()
         aside = {"left": half[0], "right": -half[0]}.get(label.get_horizontalalignment(), 0.0)
         if label.anncoords != "offset points":  # the name of a body stays inside it
             taken.append((at, half))
             continue
         x, y = label.xyann
-        for offset in ((x, y), *((x, y + step) for step in (10, 20, -10, -20)), (-x, -y)):
+        for offset in ((x, y), *((x, y + step) for step in (10, 20, -10, -20, 30)), (-x, -y)):
             middle = at + offset + [aside, 0.0]
             if all((np.abs(middle - other) >= half + size).any() for other, size in taken):
                 label.xyann = offset

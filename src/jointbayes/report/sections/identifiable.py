@@ -38,15 +38,15 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     marks = "mode (orange, solid)"
     few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
     if published is not None:
-        marks += f", published values (green, dashed; {inputs.reference_source})"
+        marks += f", reference values (green, dashed; {inputs.reference_source})"
     caption = "Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
     caption += f"prior (grey, dotted), {marks}.{few}"
-    alt = "Corner plot of the posterior of the joint stiffnesses with prior density, mode and published values."
+    alt = "Corner plot of the posterior of the joint stiffnesses with prior density, mode and reference values."
     blocks.append(Figure("corner", caption, alt, svg))
     blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))
     if reference is not None:
         level = region_level(posterior, reference)
-        blocks.append(Paragraph(f"The published values {published_values(level)}."))
+        blocks.append(Paragraph(f"The reference values {published_values(level)}."))
     return ReportSection("posterior", "Posterior", tuple(blocks))
 
 
@@ -223,9 +223,12 @@ def _decides_blocks(decides: WhatDecides) -> list[Block]:
 
 
 def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:
-    """Where the range of a prior decides a verdict, and by how much: as the run has it, and of the last row."""
+    """Where the range of a prior decides a verdict, and by how much: as the run has it, and with most uncertain.
+
+    A row in which the run's uncertain inputs are exact says nothing here: where they are wrong no joint fits as well.
+    """
     found = {}
-    for row in knowledge.freed[:1] + knowledge.freed[-1:]:
+    for row in knowledge.freed[:1] + tuple(row for row in knowledge.freed[1:][-1:] if row.uncertain):
         for name, known in row.known.items():
             if known.cls != "no verdict" and any(because.reason in _OF_RANGE for because in known.reasons):
                 where = f"With {listed(row.uncertain)} uncertain" if row.uncertain else "With all else certain"

@@ -74,7 +74,8 @@ def _model(inputs: ReportInputs) -> tuple[str, str]:
     bodies, error = summary.measured_bodies, summary.model_error
     if bodies is not None and not bodies.within:
         return "noise of bodies ignored" if bodies.ignored else "noise of bodies", foreign(bodies.sentence)
-    of_all = f" of all {len(summary.tests)} tests" if len(summary.tests) > 1 else ""
+    count = len(summary.tests)
+    of_all = "" if count == 1 else " of both tests" if count == 2 else f" of all {count} tests"
     if error is None or not worst.check.explains or worst.check.finding == "noise overstated":
         text = sentence_start(explained(worst.check, (of_all or of_test) if worst.check.explains else of_test))
         if worst.check.explains:

@@ -81,9 +81,10 @@ def chain_values(posterior: Posterior) -> tuple[list[str], Array, NDArray[np.int
 
 
 def chain_figures(posterior: Posterior, thin: int) -> list[Figure]:
-    """Traces and autocorrelation of all coordinates, in as many figures as there are colours for."""
+    """Traces and autocorrelation of all coordinates, in figures of about as many each as there are colours for."""
     names, theta, ensemble = chain_values(posterior)
-    pages = [slice(i, i + drawing.MOST_CURVES) for i in range(0, len(names), drawing.MOST_CURVES)]
+    each = -(-len(names) // -(-len(names) // drawing.MOST_CURVES))
+    pages = [slice(i, i + each) for i in range(0, len(names), each)]
     traces, correlations = [], []
     for count, page in enumerate(pages, 1):
         suffix = "" if count == 1 else f"-{count}"
