@@ -103,10 +103,8 @@ def _blocks(
     blocks = list(chain.from_iterable(section.blocks for section in _written(sections, inputs)))
     of_test = list(chain.from_iterable(section.blocks for section in _written(of_data, shown)))
     if of_test and len(inputs.tests) > 1:
-        name = shown.problem.test.name
-        blocks.append(
-            Paragraph(f"**Test {name}**, the one that the model explains worst; the others are in the appendix.")
-        )
+        which = "the one that the model explains worst; the others are in the appendix."
+        blocks.append(Paragraph(f"**Test {shown.problem.test.name}**, {which}"))
     return [*blocks, *of_test]
 
 

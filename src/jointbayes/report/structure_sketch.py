@@ -135,13 +135,11 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         axes.annotate(f"{1e3 * length:g} mm", (x + length, y), xytext=(4, 0), **(_style(_GREY) | {"ha": "left"}))
     # Move each label that lies on an earlier one, or on a wall, to the first place around its point that is free
     axes.apply_aspect()
-    taken: list[tuple[Array, Array]] = []  # middle and half size of each wall and label, points
-    points = 72 / axes.figure.dpi
-    for mark in drawing.marks:
-        for out in mark.ground:
-            ends = [mark.place + 0.08 * size * (far * out + side * out[::-1]) for far in (0.9, 1.2) for side in (-1, 1)]
-            box = axes.transData.transform(np.array(ends)) * points
-            taken.append((box.mean(axis=0), np.ptp(box, axis=0) / 2))
+    points, taken = 72 / axes.figure.dpi, []  # middle and half size of each wall and label, points
+    for place, out in ((mark.place, out) for mark in drawing.marks for out in mark.ground):
+        ends = [place + 0.08 * size * (far * out + side * out[::-1]) for far in (0.9, 1.2) for side in (-1, 1)]
+        box = axes.transData.transform(np.array(ends)) * points
+        taken.append((box.mean(axis=0), np.ptp(box, axis=0) / 2))
     for label in (text for text in axes.texts if isinstance(text, Annotation) and text.get_text()):
         at = axes.transData.transform(label.xy) * points
         half = np.array([0.3 * len(label.get_text()), 0.6]) * label.get_fontsize()

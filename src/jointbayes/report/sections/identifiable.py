@@ -35,12 +35,10 @@ def posterior_section(inputs: ReportInputs) -> ReportSection:
     point = None if published is None else published[widest]
     of_widest = ([labels[i] for i in widest], draws[:, widest], prior[:, widest], point, mode[widest])
     svg = drawing.corner_plot(*of_widest)
-    marks = "mode (orange, solid)"
+    marks = f", reference values (green, dashed; {inputs.reference_source})" if published is not None else ""
     few = f" The {len(widest)} of {len(labels)} that are known least." if len(widest) < len(labels) else ""
-    if published is not None:
-        marks += f", reference values (green, dashed; {inputs.reference_source})"
     caption = "Posterior of the logarithms: marginals and pairs with contours of 39, 68 and 95 % of the draws; "
-    caption += f"prior (grey, dotted), {marks}.{few}"
+    caption += f"prior (grey, dotted), mode (orange, solid){marks}.{few}"
     alt = "Corner plot of the posterior of the joint stiffnesses with prior density, mode and reference values."
     blocks.append(Figure("corner", caption, alt, svg))
     blocks.append(Paragraph(verdict_sentences(inputs.summary, beside=inputs.knowledge.workshop is None)))

@@ -74,8 +74,7 @@ def _model(inputs: ReportInputs) -> tuple[str, str]:
     bodies, error = summary.measured_bodies, summary.model_error
     if bodies is not None and not bodies.within:
         return "noise of bodies ignored" if bodies.ignored else "noise of bodies", foreign(bodies.sentence)
-    count = len(summary.tests)
-    of_all = "" if count == 1 else " of both tests" if count == 2 else f" of all {count} tests"
+    of_all = {1: "", 2: " of both tests"}.get(len(summary.tests), f" of all {len(summary.tests)} tests")
     if error is None or not worst.check.explains or worst.check.finding == "noise overstated":
         text = sentence_start(explained(worst.check, (of_all or of_test) if worst.check.explains else of_test))
         if worst.check.explains:
