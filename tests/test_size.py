@@ -20,7 +20,7 @@ ROOMS = {
     "structure": (3300, 3805),
     "joint": (1200, 1419),
     "frf": (2000, 2060),
-    "inference": (2500, 2750),
+    "inference": (2500, 2773),
     "identification": (1250, 1410),
     "sampling": (1300, 2180),
     "posterior": (3700, 4950),

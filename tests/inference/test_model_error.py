@@ -77,6 +77,11 @@ def test_the_density_is_the_mean_of_dense_normal_ones_whose_tests_share_each_err
         assert value == pytest.approx(log_density(residual, sd, tests), abs=1e-4)
 
 
+def test_sizes_are_integrated_over_in_no_more_directions_than_they_move():
+    noise = ModelErrorNoise.of(MODES, SIZES)
+    assert noise._by_node[0].shape[2] == len({"frequency 1", "frequency 2", "zero 1", "zero 2"}) < MODES.values.size
+
+
 def test_tests_of_two_structures_share_the_size_of_errors_and_no_error():
     two, one = noise_of(OTHER_LEVEL, OTHER_LEVEL, bodies=[0, 1]), noise_of(OTHER_LEVEL, OTHER_LEVEL)
     alone = ModelErrorNoise.of(OTHER_LEVEL, SIZES)

@@ -134,34 +134,61 @@ class ModelErrorNoise(NoiseModel):
         return self.sizes.spring * self.sizes.spring_factor**_SPRING_NODES, np.log(weight / weight.sum())
 
     @cached_property
-    def _turned(self) -> tuple[Array, Array, Array]:
-        """W (A, m, m), g (A, m) and ln det W (A,) of each a, with W (1 + F + s² G) Wᵀ = 1 + s² diag(g).
+    def _base(self) -> tuple[Array, Array, Array, Array]:
+        """B (m, m), and of the first R of B r the errors F without springs, G (R, R) and the springs' effects.
 
-        F are the errors of known size, with that a.
+        The sizes act on these alone: of many components of shapes they move few directions. The others of B r are
+        white, and independent of the first.
         """
         same = np.equal.outer(self.quantity, self.quantity)
         repeated = np.where(same, np.outer(self.relative, self.relative), 0.0)
         known = np.eye(len(same)) + np.outer(self._known, self._known) * repeated + self.edges @ self.edges.T
-        size = self._spring_sizes[0][:, None, None]
-        lower = np.linalg.cholesky(known + size**2 * (self.springs @ self.springs.T))
-        inverse, frequency = np.linalg.inv(lower), self._known == 0
+        frequency = self._known == 0
         of_frequencies = np.outer(frequency, frequency) * repeated
+        _, each = np.unique(self.quantity, return_index=True)
+        moved = np.hstack([of_frequencies[:, each], self.springs])
+        moved = moved[:, moved.any(axis=0)]
+        if moved.shape[1] >= len(known):
+            return np.eye(len(known)), known, of_frequencies, self.springs
+        white = np.linalg.inv(np.linalg.cholesky(known))
+        moved = white @ moved
+        basis, _ = np.linalg.qr(moved / np.linalg.norm(moved, axis=0), mode="complete")
+        base, first = basis.T @ white, slice(moved.shape[1])
+        of_first = (base @ of_frequencies @ base.T)[first, first]
+        return base, np.eye(len(of_first)), of_first, (base @ self.springs)[first]
+
+    def _based(self, residuals: Array) -> tuple[Array, Array]:
+        """The first R values of B r, shape (n, R), and the others, of residuals (n, m)."""
+        base, known, _, _ = self._base
+        rows = residuals @ base.T
+        return rows[:, : len(known)], rows[:, len(known) :]
+
+    @cached_property
+    def _turned(self) -> tuple[Array, Array, Array]:
+        """W (A, R, R), g (A, R) and ln det of W B (A,) of each a, with W (1 + F + s² G) Wᵀ = 1 + s² diag(g).
+
+        F are the errors of known size, with that a.
+        """
+        base, known, of_frequencies, springs = self._base
+        size = self._spring_sizes[0][:, None, None]
+        lower = np.linalg.cholesky(known + size**2 * (springs @ springs.T))
+        inverse = np.linalg.inv(lower)
         growth, turn = np.linalg.eigh(inverse @ of_frequencies @ inverse.swapaxes(1, 2))
-        log_det = -np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+        log_det = np.linalg.slogdet(base)[1] - np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
         return turn.swapaxes(1, 2) @ inverse, np.maximum(growth, 0.0), log_det
 
     @cached_property
     def _by_node(self) -> tuple[Array, Array]:
-        """Of each a and s the precision of turned residuals (A, k, m), and ln of prior weight and peak (A, k)."""
+        """Of each a and s the precision of turned residuals (A, k, R), and ln of prior weight and peak (A, k)."""
         size = self.sizes.frequency * self.sizes.factor**_NODES
         variance = 1.0 + size[:, None] ** 2 * self._turned[1][:, None, :]
         weight = np.exp(-0.5 * _NODES**2)
         log_weight = np.log(weight / weight.sum()) + (self._spring_sizes[1] + self._turned[2])[:, None]
         return 1 / variance, log_weight - 0.5 * np.log(variance).sum(axis=2)
 
-    def _by_size(self, z: Residuals) -> Array:
+    def _by_size(self, first: Array) -> Array:
         """Logarithm of prior times likelihood of each pair of sizes, shape (A, k, n): quickest with draws in rows."""
-        turned = self._turned[0] @ np.ascontiguousarray(z[:, :, 0].T)
+        turned = self._turned[0] @ np.ascontiguousarray(first.T)
         precision, peak = self._by_node
         by_size: Array = precision @ turned**2
         return np.subtract(peak[:, :, None], by_size, out=by_size)
@@ -169,34 +196,39 @@ class ModelErrorNoise(NoiseModel):
     def log_likelihood(self, z: Residuals, hyper: ArrayLike) -> Array:
         """ln L (n,) of residuals (n, m, 1), without the constant; −inf where a residual is not finite."""
         with np.errstate(all="ignore"):
-            by_size = self._by_size(z).reshape(self._by_node[1].size, len(z))
+            first, others = self._based(z[:, :, 0])
+            by_size = self._by_size(first).reshape(self._by_node[1].size, len(z))
             most = by_size.max(axis=0)
             by_size -= most
+            most -= (others**2).sum(axis=1)
             return finite_or_impossible(most + np.log(np.exp(by_size, out=by_size).sum(axis=0)))
 
     def _given(self, z: Residuals) -> Array:
         """The probability of each pair of sizes given residuals, shape (n, A, k); the prior's if not finite."""
-        by_size = self._by_size(np.where(np.isfinite(z).all(axis=(1, 2), keepdims=True), z, 0.0))
+        finite = np.isfinite(z).all(axis=(1, 2), keepdims=True)
+        by_size = self._by_size(self._based(np.where(finite, z, 0.0)[:, :, 0])[0])
         share = np.exp(by_size - by_size.max(axis=(0, 1)))
         return np.moveaxis(share / share.sum(axis=(0, 1)), 2, 0)
 
     def _precision(self, share: Array) -> Array:
-        """Mean precision of residuals over the sizes that all of them leave, shape (n, m, m)."""
-        of_turned = np.einsum("nak,aki->nai", share, self._by_node[0])
-        turn = self._turned[0]
-        return np.asarray(np.einsum("nai,aip,aiq->npq", of_turned, turn, turn, optimize=True))
+        """Mean precision of the first R of B r over the sizes that all residuals leave, shape (n, R, R)."""
+        of_turned = (np.moveaxis(share, 1, 0) @ self._by_node[0]).swapaxes(0, 1).reshape(len(share), -1)
+        turn = self._turned[0].reshape(of_turned.shape[1], -1)
+        pairs = (turn[:, :, None] * turn[:, None, :]).reshape(len(turn), -1)
+        return (of_turned @ pairs).reshape(len(share), turn.shape[1], turn.shape[1])
 
     def scores(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals turned by a root of their mean precision over the sizes that all of them leave."""
-        return np.asarray(np.einsum("npq,np->nq", self._root(self._given(z)), z[:, :, 0])[:, :, None])
+        first, others = self._based(z[:, :, 0])
+        return np.hstack([np.einsum("npq,np->nq", self._root(self._given(z)), first), others])[:, :, None]
 
     def whiten(self, z: Residuals, hyper: ArrayLike) -> Residuals:
         """Residuals and their derivatives (k, m, 1) by the precision of the former: ∇ ln L is then −Jᵀe."""
-        (root,) = self._root(self._given(z[:1]))
-        return np.asarray((z[:, :, 0] @ root)[:, :, None])
+        (root,), (first, others) = self._root(self._given(z[:1])), self._based(z[:, :, 0])
+        return np.hstack([first @ root, others])[:, :, None]
 
     def _root(self, share: Array) -> Array:
-        """R (n, m, m) with R Rᵀ the mean precision: of turned residuals, which without springs are independent."""
+        """Root X (n, R, R) with X Xᵀ the mean precision: of turned residuals, which without springs are independent."""
         turn = self._turned[0][len(self._turned[0]) // 2]
         back = np.linalg.inv(turn)
         return np.asarray(turn.T @ np.linalg.cholesky(back.T @ self._precision(share) @ back))
@@ -228,8 +260,10 @@ class ModelErrorNoise(NoiseModel):
 
     def shift_of_edges(self, z: Residuals) -> Array:
         """Mean of the place of each clamp's edge given residuals (n, m, 1), in its standard deviations, (n, edges)."""
-        residuals = math.sqrt(2) * z[:, :, 0]  # z = r/(√2 sd)
-        return np.asarray(np.einsum("npq,np,qe->ne", self._precision(self._given(z)), residuals, self.edges))
+        first, others = self._based(math.sqrt(2) * z[:, :, 0])  # z = r/(√2 sd)
+        moved, others_moved = (side.T for side in self._based(self.edges.T))
+        precise = np.einsum("npq,np->nq", self._precision(self._given(z)), first)
+        return np.asarray(precise @ moved + others @ others_moved)
 
     def words(self, values: Mapping[str, float], z: Residuals) -> tuple[str, ...]:
         """The size of the error that residuals at draws show, in a sentence."""
