@@ -176,10 +176,13 @@ class TestDriver:
         pretend(tmp_path, ROWS)
         (tmp_path / "mended").touch()
         (tmp_path / "out/cases/.c9.0123abcd.jointbayes").touch()  # a worker that is killed while it writes leaves it
+        for name in ("c2.posterior", "c2.posterior-2", "c2.posterior-a", "c4.posterior"):
+            (tmp_path / f"out/cases/{name}.nc").touch()  # draws that a killed worker leaves: of c2 they are whole now
         index = pretend(tmp_path, ROWS)
         assert index["status"].tolist() == ["done"] * 4 + ["killed its worker"] + ["done"] * 2
         assert [tries(tmp_path, f"c{i}") for i in range(7)] == [1, 1, 2, 1, 6, 1, 1]
         assert not list((tmp_path / "out/cases").glob(".*"))
+        assert {path.name for path in (tmp_path / "out/cases").glob("*.nc")} == {"c2.posterior-a.nc", "c4.posterior.nc"}
 
     @pytest.mark.parametrize("change", ["row", "seed", "full", "directory"])
     def test_case_is_done_again_where_what_it_depends_on_has_changed(self, tmp_path, change):

@@ -442,6 +442,10 @@ def run_cases(
                 if error is None and not (run / "summary.json").is_file():
                     error = f"{run}: found no run directory; expected workers that see {directory} under this name"
                 status = KILLED if outcome.killed_worker else DONE if error is None else FAILED
+                if status == DONE:  # draws that a killed worker left are in the run directory as well
+                    names = re.compile(rf"{re.escape(outcome.key)}\.posterior(-\d+)?\.nc")
+                    for left in (path for path in place.glob("*.nc") if names.fullmatch(path.name)):
+                        left.unlink(missing_ok=True)
                 cells = (case.key, case.serial, case.date, status, error or "", outcome.attempts)
                 of_seed, mark = works.pop(case.key)
                 row = dict(zip(COLUMNS, (*cells, of_seed, outcome.value or "", mark, code_version()), strict=True))
