@@ -4,15 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks import (
-    cases,
-    jax_model,
-    likelihood,
-    page,
-    peers,
-    record,
-    timing,
-)
+from benchmarks import cases, jax_model, likelihood, page, peers, record, timing
 from benchmarks.peer_samplers import stretch_run
 
 from jointbayes.inference import LogPosterior

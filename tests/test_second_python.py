@@ -18,10 +18,7 @@ from tests.conftest import CONFIGS, cheap_text, cli, edited
 
 pytestmark = [pytest.mark.version, pytest.mark.whole, pytest.mark.second]
 
-SMALL = edited(
-    cheap_text(),
-    ("max_steps = 20000", "max_steps = 200"),
-)
+SMALL = edited(cheap_text(), ("max_steps = 20000", "max_steps = 200"))
 #: Each with the exit codes that it may have: a run this short has not converged.
 COMMANDS = [
     ("init", (0,)),

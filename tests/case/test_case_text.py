@@ -40,11 +40,7 @@ def test_tables_merge_key_by_key_and_lists_replace(tmp_path):
 
 
 def test_each_key_keeps_the_file_and_line_it_stands_in(tmp_path):
-    case = write(
-        tmp_path,
-        base=BASE,
-        case='extends = "base.toml"\n\n[data]\noutputs = ["1:y"]\n',
-    )
+    case = write(tmp_path, base=BASE, case='extends = "base.toml"\n\n[data]\noutputs = ["1:y"]\n')
     text = read_case_text(case)
     own, base = str(case), str(tmp_path / "base.toml")
     assert (text.place(("structure", "length_mm")), text.place(("data", "outputs", 0))) == ((base, 4), (own, 4))

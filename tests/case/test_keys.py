@@ -101,11 +101,7 @@ def _of_problem(problem: jb.Problem) -> dict[str, Any]:
     )
     first_guess = dict(zip(problem.parametrisation.stiffness_names, np.asarray(problem.initial), strict=True))
     prior = dict(zip(problem.prior.parametrisation.names, problem.prior.marginals, strict=True))
-    return parts | {
-        "initial": first_guess,
-        "prior": prior,
-        "nuisance": problem.prior.nuisances,
-    }
+    return parts | {"initial": first_guess, "prior": prior, "nuisance": problem.prior.nuisances}
 
 
 #: Numbers that follow from several keys: how long a shaker runs, and first guesses where none is stated.

@@ -187,12 +187,7 @@ def test_simulated_data_of_two_levels_share_the_errors_that_the_likelihood_has_t
 @pytest.mark.parametrize(
     ("shipped", "change", "more", "message"),
     [
-        (
-            "clamped_beam",
-            (),
-            "",
-            r"uncertain\.model_error: found the model's errors in modes, where the data",
-        ),
+        ("clamped_beam", (), "", r"uncertain\.model_error: found the model's errors in modes, where the data"),
         ("two_storeys", (), "", r'uncertain\.exact: found "model", whose errors \[uncertain\.model_error\] states'),
         ("two_storeys", [('exact = ["model"]', "exact = []")], '[noise]\nscale = "sampled"\n', r"noise\.scale"),
     ],

@@ -15,12 +15,7 @@ from jointbayes.cli.common import print_summary
 from jointbayes.inference import hypothesis_problem
 from jointbayes.posterior import gather_knowledge
 from jointbayes.posterior.identifiability import assess
-from jointbayes.posterior.knowledge import (
-    SimplerJoint,
-    UncertainInputsRow,
-    known_by_bounds,
-    weighed_joints,
-)
+from jointbayes.posterior.knowledge import SimplerJoint, UncertainInputsRow, known_by_bounds, weighed_joints
 from jointbayes.posterior.limits import LikelihoodRegion
 from jointbayes.report import ReportInputs
 from jointbayes.report.model import Paragraph

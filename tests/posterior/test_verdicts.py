@@ -293,9 +293,6 @@ def test_a_stiffness_beyond_its_prior_is_never_identified(name, edits):
 @pytest.mark.docs
 def test_the_page_on_verdicts_has_the_constants_of_the_rule():
     page = (DOCS / "identifiability.md").read_text(encoding="utf-8")
-    for words in (
-        f"{100 * REACH:g} % of the mass",
-        f"{100 * RULE.excluded:g} % of the",
-    ):
+    for words in (f"{100 * REACH:g} % of the mass", f"{100 * RULE.excluded:g} % of the"):
         assert words in page
     assert f": identified up to {RULE.identified:g}, weakly identified up to {RULE.weakly_identified:g}." in page

@@ -140,12 +140,7 @@ def saved(cheap_posterior, tmp_path_factory):
 @pytest.mark.whole
 @pytest.mark.parametrize(
     ("name", "begins"),
-    [
-        ("a.csv", "# written by: jointbayes\n# Joint"),
-        ("a.bdf", "$"),
-        ("a.inp", "**"),
-        ("a.mac", "!"),
-    ],
+    [("a.csv", "# written by: jointbayes\n# Joint"), ("a.bdf", "$"), ("a.inp", "**"), ("a.mac", "!")],
 )
 def test_the_ending_chooses_the_format_and_a_run_directory_will_do(saved, tmp_path, name, begins):
     result = cli("export", saved, "--to", tmp_path / name)

@@ -168,10 +168,7 @@ class TestStopRule:
             ({"r_hat": np.nan}, "R̂ = nan"),
             ({"tau": np.nan}, "τ = nan"),
             ({"tau": 98.0}, "τ changed by 2.0 % since the check before"),
-            (
-                {"share": 0.0201},
-                "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01 % of",
-            ),
+            ({"share": 0.0201}, "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01 % of"),
             ({"share": np.nan}, "below 2.0 % is needed"),
             ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
             ({"tau_end": 111.0}, "τ = 111.0 steps of an end of a 95 % interval exceeds 1/50 of the 5500 after burn-in"),

@@ -290,9 +290,7 @@ print(hashlib.sha256(b"".join(x.tobytes() for x in values)).hexdigest())
 
 @pytest.mark.science
 @pytest.mark.parametrize(
-    ("script", "cases"),
-    first_in_ci([(OF_CASES, CASES[1:2]), (OF_CASES + OF_MANY_DOFS, CASES)], 1),
-    ids=["one", "all"],
+    ("script", "cases"), first_in_ci([(OF_CASES, CASES[1:2]), (OF_CASES + OF_MANY_DOFS, CASES)], 1), ids=["one", "all"]
 )
 def test_the_process_that_compiles_has_the_same_last_bits_as_those_that_load_what_was_kept(tmp_path, script, cases):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}

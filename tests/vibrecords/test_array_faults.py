@@ -8,16 +8,7 @@ import scipy.sparse
 
 from tests.vibrecords.array_trees import WRITERS
 from tests.vibrecords.reading import refusal, require
-from tests.vibrecords.test_array_layouts import (
-    C,
-    F,
-    H,
-    T,
-    V,
-    X,
-    frf,
-    history,
-)
+from tests.vibrecords.test_array_layouts import C, F, H, T, V, X, frf, history
 from vibrecords.formats import iter_records
 
 HUGE = scipy.sparse.csc_matrix(([1.0], ([0], [0])), (9**6, 9**6))

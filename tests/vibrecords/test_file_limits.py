@@ -16,15 +16,7 @@ from tests.vibrecords.made_files import function_58, head, lvm
 from tests.vibrecords.reading import put, refusal
 from vibrecords import records as stated
 from vibrecords.errors import MeasurementError, WriteError
-from vibrecords.formats import (
-    detect_format,
-    iter_records,
-    join_frfs,
-    read_frf,
-    uff_data_sets,
-    write_frf,
-    write_records,
-)
+from vibrecords.formats import detect_format, iter_records, join_frfs, read_frf, uff_data_sets, write_frf, write_records
 from vibrecords.formats import read as reading
 from vibrecords.formats.array_walk import records_of_tree
 from vibrecords.formats.table import records_of_tables

@@ -6,12 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
 
 from tests.simulated import lines_apart
-from vibrecords.signals.windows import (
-    effective_averages,
-    exponential_window,
-    independent_step,
-    line_correlation,
-)
+from vibrecords.signals.windows import effective_averages, exponential_window, independent_step, line_correlation
 
 HANN = signal.get_window("hann", 64)
 

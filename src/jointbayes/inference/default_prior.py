@@ -12,15 +12,7 @@ from jointbayes.frf import AnyStructure
 from jointbayes.frf.measured_body import substructures
 from jointbayes.inference.marginals import Marginal, Uniform, marginal_of
 from jointbayes.inference.prior import JointPrior
-from jointbayes.joint import (
-    COUPLED,
-    AnyJoint,
-    Coordinate,
-    Parametrisation,
-    Quantity,
-    blocks_of,
-    parametrisation_named,
-)
+from jointbayes.joint import COUPLED, AnyJoint, Coordinate, Parametrisation, Quantity, blocks_of, parametrisation_named
 from jointbayes.joint.quantities import is_rotation, is_rotation_unit, prefixed
 from jointbayes.structure import Body
 from vibrecords import Data

@@ -24,12 +24,7 @@ from jointbayes.frf import LowRankCoupling, NoisePropagation, Ports, ReceptanceM
 from jointbayes.frf.kernels.by_line import noise_roots
 from jointbayes.frf.measured_body import substructures
 from jointbayes.frf.ports import factors_batch
-from jointbayes.inference.likelihood_base import (
-    STEP,
-    ComplexResidual,
-    Likelihood,
-    moved_factors,
-)
+from jointbayes.inference.likelihood_base import STEP, ComplexResidual, Likelihood, moved_factors
 from jointbayes.inference.noise.base import NoiseModel, Residuals, columns_of
 from jointbayes.inference.noise.gaussian import GaussianNoise
 from jointbayes.inference.test import Test, likelihood_of

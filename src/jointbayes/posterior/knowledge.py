@@ -39,14 +39,7 @@ from jointbayes.posterior.evidence import (
 )
 from jointbayes.posterior.evidence_table import odds
 from jointbayes.posterior.forecast import NextStep
-from jointbayes.posterior.identifiability import (
-    CERTAINTY,
-    RANK,
-    ExactInputs,
-    Verdict,
-    VerdictClass,
-    assess,
-)
+from jointbayes.posterior.identifiability import CERTAINTY, RANK, ExactInputs, Verdict, VerdictClass, assess
 from jointbayes.posterior.limits import LikelihoodRegion, ProfileLikelihood
 from jointbayes.posterior.model_errors import MeshCheck
 from jointbayes.posterior.sampled import Sampled, equal_tailed, is_found, kept, prior_stiffness

@@ -109,12 +109,7 @@ class LikelihoodRegion:
         ln L of the best.
     """
 
-    def __init__(
-        self,
-        log_posterior: LogPosterior,
-        theta: Array,
-        solution: NDArray[np.intp] | None = None,
-    ) -> None:
+    def __init__(self, log_posterior: LogPosterior, theta: Array, solution: NDArray[np.intp] | None = None) -> None:
         prior = log_posterior.prior
         self._log_posterior, self._prior = log_posterior, prior
         names, count = prior.parametrisation.names, len(prior.marginals)

@@ -130,12 +130,13 @@ def judge_stiffness(posterior: Sampled, name: str) -> Verdict:
         If there is no such quantity.
     """
     # 1. the draws
-    draws, rule, converged = by_ensemble(posterior, name), rule_of(posterior, name), posterior.converged
+    rule, draws, converged = rule_of(posterior, name), by_ensemble(posterior, name), posterior.converged
     error = partial(quantile_error if converged else _error_of_unsettled, draws)
     drawn = assess(posterior.values(name), posterior.prior_values(name), error, posterior.unit(name), rule)
     # 2. what forbids a verdict
     against, check, mesh = list[Because](), check_of(posterior), mesh_of(posterior)
     model_error, bodies = model_error_of(posterior), measured_bodies_of(posterior)
+    coarse = mesh is not None and mesh.moves(name)
     if not (converged or _holds_unsettled(posterior, name, drawn)):
         against.append(Because(Reason.NOT_CONVERGED))
     if not mode_agrees(posterior):
@@ -149,14 +150,14 @@ def judge_stiffness(posterior: Sampled, name: str) -> Verdict:
         against.append(misfit if check.level == "above" else Because(Reason.PATTERN))
     if model_error is not None and model_error.grade == "impossible":
         against.append(Because(Reason.NO_MODEL, {"findings": model_error.findings}))
-    if mesh is not None and mesh.moves(name):
+    if mesh is not None and coarse:
         against.append(Because(Reason.MESH, {"shift_sd": abs(mesh.shift_sd[name])}))
     if against:
         reach = bounds_within_reach(posterior.problem.prior, posterior.theta)
         at = [Because(Reason.AT_BOUND, _bound(posterior, name, side)) for held, side in reach if held == name]
         return replace(drawn, cls="no verdict", reasons=(*against, *at))
     # 3. solutions, bounds and likelihood
-    found = _concluded(posterior, name, drawn)
+    found = conclude(posterior, name, drawn)
     if bodies is not None and bodies.ignored and not solutions_of(posterior).reason(name):
         found = replace(found, reasons=(*found.reasons, Because(Reason.BODIES, {"noise": bodies.noise})))
     return found if converged else replace(found, reasons=(*found.reasons, Because(Reason.HOLDS_UNSETTLED)))
@@ -187,20 +188,24 @@ def _holds_unsettled(posterior: Sampled, name: str, drawn: Verdict) -> bool:
             return False
         moved = with_ends(drawn, ends, rule_of(posterior, name))
         for part in (theta, *(theta[ensemble == number] for number in np.unique(ensemble))):
-            classes.add(_concluded(posterior, name, moved, part).cls)
+            classes.add(conclude(posterior, name, moved, part).cls)
     return len(classes) == 1
 
 
-def _concluded(posterior: Sampled, name: str, drawn: Verdict, theta: Array | None = None) -> Verdict:
-    """What `conclude` says of a run, by default of all its draws."""
-    theta = posterior.theta if theta is None else theta
-    return conclude(posterior, name, drawn, theta, lambda: region_of(posterior))
-
-
 def conclude(
-    posterior: Sampled, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
+    posterior: Sampled,
+    name: str,
+    drawn: Verdict,
+    theta: Array | None = None,
+    region: Callable[[], LikelihoodRegion] | None = None,
 ) -> Verdict:
     """Judge one stiffness by its draws, its solutions, the prior's bounds and the likelihood.
+
+    1. A stiffness to which several solutions give different values is not identified.
+    2. Find the ends that the data leave open, which no volume of the prior moves.
+    3. With one open end: bounded on the other side, where that excludes more than a little of the prior.
+    4. Add what the test alone says, where that differs from the draws.
+    5. Where the model does not explain the data, the verdict holds only if the model were right.
 
     Parameters
     ----------
@@ -211,54 +216,46 @@ def conclude(
     drawn
         What the draws say, of the run itself or under other premises.
     theta
-        These draws of θ, shape (n, d).
+        These draws of θ, shape (n, d), by default those of the run.
     region
-        Gives the joints that fit nearly as well as the best, which takes seconds to find.
+        Gives the joints that fit nearly as well as the best, by default those of the run; it takes seconds to find.
     """
-    found = drawn
+    prior, certain, found = posterior.problem.prior, drawn.cls in CERTAINTY, drawn
+    reach = bounds_within_reach(prior, posterior.theta if theta is None else theta)
+    reached = {side for held, side in reach if held == name}
+    # 1. Solutions
     if several := solutions_of(posterior).reason(name):
         found = replace(drawn, cls="not identified", reasons=(several,))
-    elif name in posterior.stiffness_names:
-        found = _against_the_prior(posterior, name, drawn, theta, region)
+    elif name in posterior.stiffness_names and (drawn.cls != "identified" or reached):
+        # 2. Open ends; of many unknowns those at which draws reach the prior's bound
+        sought, ends, sides = len(prior.names) <= MOST_UNKNOWNS, drawn.interval, reached
+        if sought:
+            ends = (region() if region else region_of(posterior)).limits(posterior.stiffness_names.index(name))
+            pairs: tuple[tuple[Side, float], ...] = (("lower", ends[0]), ("upper", ends[1]))
+            sides = {side for side, end in pairs if math.isnan(end)}
+        # 3. One of them, or both
+        if prior.bounds_of(name) is not None and sides and (reached or not certain):
+            if len(sides) == 1:
+                (side,) = sides
+                limit, before = ends[0] if side == "upper" else ends[1], posterior.prior_values(name)
+                excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
+                least = rule_of(posterior, name).excluded
+                is_open = Because(Reason.OPEN, _bound(posterior, name, side))
+                bounded: VerdictClass = "bounded below" if side == "upper" else "bounded above"
+                if excluded >= least:
+                    found = replace(drawn, cls=bounded, reasons=(is_open,), limit=limit)
+                else:
+                    little = Because(Reason.EXCLUDES_LITTLE, {"least": least})
+                    found = replace(drawn, cls="not identified", reasons=(is_open, little))
+            elif certain:
+                low, high = prior.bounds_of(name) or (math.nan, math.nan)
+                bounds = {"lower": low, "upper": high, "unit": drawn.unit}
+                found = replace(drawn, cls="not identified", reasons=(Because(Reason.OPEN_BOTH, bounds),))
+        # 4. The test alone
+        found = with_test_alone(found, ends) if sought else found
+    # 5. The model
     right = check_of(posterior).explains or found.cls == "not identified"
     return found if right else replace(found, if_model_right=True)
-
-
-def _against_the_prior(
-    posterior: Sampled, name: str, drawn: Verdict, theta: Array, region: Callable[[], LikelihoodRegion]
-) -> Verdict:
-    """The verdict after a look at what the likelihood says, which no volume of the prior moves."""
-    prior, certain = posterior.problem.prior, drawn.cls in CERTAINTY
-    reached = {side for held, side in bounds_within_reach(prior, theta) if held == name}
-    if drawn.cls == "identified" and not reached:
-        return drawn
-    # 1. Ends that the data leave open; of many unknowns those at which draws reach the prior's bound.
-    sought, ends, sides = len(prior.names) <= MOST_UNKNOWNS, drawn.interval, reached
-    if sought:
-        ends = region().limits(posterior.stiffness_names.index(name))
-        pairs: tuple[tuple[Side, float], ...] = (("lower", ends[0]), ("upper", ends[1]))
-        sides = {side for side, end in pairs if math.isnan(end)}
-    found = drawn
-    # 2. One open end: bounded on the other side, where that excludes more than a little of the prior.
-    if prior.bounds_of(name) is not None and sides and (reached or not certain):
-        if len(sides) == 1:
-            (side,) = sides
-            limit, before = ends[0] if side == "upper" else ends[1], posterior.prior_values(name)
-            excluded = float(((before < limit) if side == "upper" else (before > limit)).mean())
-            least = rule_of(posterior, name).excluded
-            is_open = Because(Reason.OPEN, _bound(posterior, name, side))
-            bounded: VerdictClass = "bounded below" if side == "upper" else "bounded above"
-            if excluded >= least:
-                found = replace(drawn, cls=bounded, reasons=(is_open,), limit=limit)
-            else:
-                little = Because(Reason.EXCLUDES_LITTLE, {"least": least})
-                found = replace(drawn, cls="not identified", reasons=(is_open, little))
-        elif certain:
-            low, high = prior.bounds_of(name) or (math.nan, math.nan)
-            bounds = {"lower": low, "upper": high, "unit": drawn.unit}
-            found = replace(drawn, cls="not identified", reasons=(Because(Reason.OPEN_BOTH, bounds),))
-    # 3. What the test alone says, where that differs from the draws.
-    return with_test_alone(found, ends) if sought else found
 
 
 def _bound(posterior: Sampled, name: str, side: Side) -> dict[str, object]:

@@ -104,59 +104,48 @@ def _data_uri(svg: str) -> str:
 
 def _payload(plot: LinePlot | FrfPlot | Wireframe) -> Markup:
     """JSON of an interactive plot, safe inside a script element."""
+    numbers: dict[str, Any]
     match plot:
         case FrfPlot():
-            numbers = _frf_numbers(plot)
+            x, band = plot.frequency_hz, [FrfCurve("95 % band", end, SERIES_COLOURS[0]) for end in plot.band]
+            sizes = [np.abs(curve.values) for curve in (*band, *plot.curves)]
+            sizes = [np.maximum(size, 1e-15 * np.max(sizes)) for size in sizes]  # none is 0 on a logarithmic axis
+            span = float(np.ptp(np.log10(sizes))) or 1.0
+            curves = [
+                {"name": plain(curve.name), "colour": curve.colour, "dashed": curve.dashed, "hidden": curve.hidden}
+                | _packed_columns(
+                    x, {"size": (size, True, span), "angle": (plot.phase_deg(curve.values), False, 360.0)}
+                )
+                for curve, size in zip((*band, *plot.curves), sizes, strict=True)
+            ]
+            given = {"Error (sd)": plot.misfit} | ({} if plot.coherence is None else {"Coherence": plot.coherence})
+            strips = [
+                {"name": name} | _packed_columns(x, {"y": (values, False, 1.0)}, all_points=True)
+                for name, values in given.items()
+            ]
+            numbers = {"kind": "frf", "unit": plot.unit, "worst": plot.worst_hz}
+            numbers |= {"band": curves[:2], "curves": curves[2:], "strips": strips}
         case Wireframe():
-            numbers = _mode_numbers(plot)
+            size = float(np.ptp(plot.points, axis=(0, 1)).max())
+            points, shapes = (np.rint(10_000 * places / size).astype(int) for places in (plot.points, plot.shapes))
+            each = zip(plot.names, shapes, strict=True)
+            modes = [{"name": name, "shape": shape.ravel().tolist()} for name, shape in each]
+            numbers = {"kind": "modes", "size": size, "points": points.ravel().tolist()}
+            numbers |= {"run": points.shape[1], "modes": modes}
         case LinePlot():
-            numbers = _line_numbers(plot)
+            ordinates = np.concatenate([column for line in plot.series for column in line.columns[1:]])
+            span, series = float(np.ptp(np.log10(ordinates) if plot.log_y else ordinates)) or 1.0, []
+            for line, colour in zip(plot.series, cycle(SERIES_COLOURS), strict=False):
+                x, *ends = line.columns
+                columns = {name: (y, plot.log_y, span) for name, y in zip(("y", "y_low", "y_high"), ends, strict=True)}
+                packed = _packed_columns(x, columns, all_points=line.kind == "points")
+                said = {"name": plain(line.name), "kind": line.kind, "dashed": line.dashed, "colour": colour}
+                series.append(said | packed)
+            numbers = {"x_label": plain(plot.x_label), "y_label": plain(plot.y_label)}
+            numbers |= {"log_y": plot.log_y, "series": series}
     text = json.dumps(numbers, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     # "</script>" and "<!--" are the only ways out of a script element, and both begin with "<".
     return Markup(text.replace("<", "\\u003c"))
-
-
-def _line_numbers(plot: LinePlot) -> dict[str, Any]:
-    ordinates = np.concatenate([column for series in plot.series for column in series.columns[1:]])
-    span = float(np.ptp(np.log10(ordinates) if plot.log_y else ordinates)) or 1.0
-    series = []
-    for each, colour in zip(plot.series, cycle(SERIES_COLOURS), strict=False):
-        x, *values = each.columns
-        columns = {name: (y, plot.log_y, span) for name, y in zip(("y", "y_low", "y_high"), values, strict=True)}
-        packed = _packed_columns(x, columns, all_points=each.kind == "points")
-        series.append({"name": plain(each.name), "kind": each.kind, "dashed": each.dashed, "colour": colour} | packed)
-    return {"x_label": plain(plot.x_label), "y_label": plain(plot.y_label), "log_y": plot.log_y, "series": series}
-
-
-def _frf_numbers(plot: FrfPlot) -> dict[str, Any]:
-    x, band = plot.frequency_hz, [FrfCurve("95 % band", end, SERIES_COLOURS[0]) for end in plot.band]
-    sizes = [np.abs(curve.values) for curve in (*band, *plot.curves)]
-    sizes = [np.maximum(size, 1e-15 * np.max(sizes)) for size in sizes]  # none is 0 on a logarithmic axis
-    span = float(np.ptp(np.log10(sizes))) or 1.0
-    packed = [
-        {"name": plain(curve.name), "colour": curve.colour, "dashed": curve.dashed, "hidden": curve.hidden}
-        | _packed_columns(x, {"size": (size, True, span), "angle": (plot.phase_deg(curve.values), False, 360.0)})
-        for curve, size in zip((*band, *plot.curves), sizes, strict=True)
-    ]
-    strips = {"Error (sd)": plot.misfit} | ({} if plot.coherence is None else {"Coherence": plot.coherence})
-    return {
-        "kind": "frf",
-        "unit": plot.unit,
-        "worst": plot.worst_hz,
-        "band": packed[:2],
-        "curves": packed[2:],
-        "strips": [
-            {"name": name} | _packed_columns(x, {"y": (values, False, 1.0)}, all_points=True)
-            for name, values in strips.items()
-        ],
-    }
-
-
-def _mode_numbers(plot: Wireframe) -> dict[str, Any]:
-    size = float(np.ptp(plot.points, axis=(0, 1)).max())
-    points, shapes = (np.rint(10_000 * places / size).astype(int) for places in (plot.points, plot.shapes))
-    modes = [{"name": name, "shape": shape.ravel().tolist()} for name, shape in zip(plot.names, shapes, strict=True)]
-    return {"kind": "modes", "size": size, "points": points.ravel().tolist(), "run": points.shape[1], "modes": modes}
 
 
 def _packed_columns(

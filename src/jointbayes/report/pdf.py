@@ -64,30 +64,22 @@ def block_height(block: Block) -> float:
     """About how high a block is in print, points."""
     match block:
         case Figure(svg=svg, caption=caption):
-            return _figure_height(svg) + _text_height(caption) + 2 * _GAP
+            found, height = _SIZE.search(svg), _HEIGHT / 3
+            if found is not None:  # scaled down where it is wider than the text
+                width, height = map(float, found.groups())
+                height *= min(1.0, _WIDTH / width)
+            return height + _text_height(caption) + 2 * _GAP
         case Table(head=head, rows=rows, note=note):
-            return _CAPTION + sum(_row_height(row) for row in (head, *rows)) + _text_height(note) + 2 * _GAP
+            # the longest cell of a row is broken into lines
+            longest = [max(map(len, row)) * len(row) / (_CHARACTERS * 1.76) for row in (head, *rows)]
+            in_rows = sum(_ROW + (_LINE - 3) * max(0, math.ceil(lines) - 1) for lines in longest)
+            return _CAPTION + in_rows + _text_height(note) + 2 * _GAP
         case Paragraph(text) | Callout(text=text):
             return _text_height(text) + _GAP
         case Lights(lights):
             return max(_text_height(light.text) for light in lights) * len(lights) + _CAPTION
         case Code(text):
             return _LINE * (text.count("\n") + 2)
-
-
-def _figure_height(svg: str) -> float:
-    """Height of a drawing, scaled down where it is wider than the text."""
-    found = _SIZE.search(svg)
-    if found is None:
-        return _HEIGHT / 3
-    width, height = map(float, found.groups())
-    return height * min(1.0, _WIDTH / width)
-
-
-def _row_height(row: Sequence[str]) -> float:
-    """A row of cells, the longest of which is broken into lines."""
-    per_cell = _CHARACTERS * 1.1 / len(row)
-    return _ROW + (_LINE - 3) * max(0, math.ceil(max(map(len, row)) / (1.6 * per_cell)) - 1)
 
 
 def _text_height(text: str) -> float:

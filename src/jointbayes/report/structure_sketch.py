@@ -158,25 +158,24 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         taken.append((middle, half))
 
 
-def _draw_ground(axes: Axes, place: Array, out: Array, size: float) -> None:
-    """A wall with hatches behind it, across the way to it, and a spring up to it."""
-    along, wall = out[::-1], place + 0.9 * size * out
-    steps = np.array([0, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 1.0])[:, None]
-    spring = place + steps * (wall - place) + 0.2 * size * along * np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None]
-    axes.plot(*spring.T, color=_COLOURS["joint"], lw=1.1)
-    axes.plot(*np.transpose([wall - size * along, wall + size * along]), color=_GREY, lw=1.6, solid_capstyle="butt")
-    for share in np.linspace(-1, 0.75, 8):
-        foot = wall + share * size * along
-        axes.plot(*np.transpose([foot, foot + 0.3 * size * (out + along)]), color=_GREY, lw=0.7)
-
-
 def _draw_mark(axes: Axes, mark: Mark, size: float) -> None:
     style, (x, y) = _style(_COLOURS[mark.kind]), mark.place.tolist()
     if mark.kind == "joint":
         if mark.way:
             axes.plot(*np.transpose(mark.way), color=_COLOURS["joint"], lw=1.2, zorder=0)
         if mark.ground:
-            _draw_ground(axes, mark.place, mark.ground[0], size)
+            # a wall with hatches behind it, across the way to it, and a spring up to it
+            out = mark.ground[0]
+            along, wall = out[::-1], mark.place + 0.9 * size * out
+            steps = np.array([0, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 1.0])[:, None]
+            turns = along * np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None]
+            spring = mark.place + steps * (wall - mark.place) + 0.2 * size * turns
+            axes.plot(*spring.T, color=_COLOURS["joint"], lw=1.1)
+            ends = np.transpose([wall - size * along, wall + size * along])
+            axes.plot(*ends, color=_GREY, lw=1.6, solid_capstyle="butt")
+            for share in np.linspace(-1, 0.75, 8):
+                foot = wall + share * size * along
+                axes.plot(*np.transpose([foot, foot + 0.3 * size * (out + along)]), color=_GREY, lw=0.7)
         axes.plot(x, y, "s", ms=7, mfc="none", mec=_COLOURS["joint"], mew=1.8)
         below = bool(mark.ground) and bool(mark.ground[0][1])  # there is its ground
         axes.annotate(mark.text, (x, y), xytext=(-11, 4) if below else (0, -14), **style)

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointbayes.frf import Ports
 from jointbayes.inference import Problem
-from jointbayes.posterior import Posterior, PredictiveCheck
+from jointbayes.posterior import Posterior
 from jointbayes.posterior.compared_frfs import ComparedFrf, compared_frfs_of, sentences_of_faults
 from jointbayes.posterior.diagnosis import Diagnosis, PairFit
 from jointbayes.posterior.prediction import sentence_of_left_out
@@ -134,13 +134,29 @@ def fit_section(inputs: TestInputs) -> ReportSection:
     # 2. Figures of FRFs, and a table of them all.
     shown = data.shown_frfs
     of_frfs = [] if shown is None else _frf_figures(inputs.posterior, inputs.problem, shown, diagnosis)
-    residuals = [] if data.frfs is None else [_residuals(data.frfs, check)]
+    residuals = list[Block]()
     if data.frfs is None:
         note = "Over lines above the noise. Agreement: mean cosine of the phase, −1 where the sign is opposite. Level: "
         table = table_of_frfs("FRFs of data and answer", compared, f"{note}median ratio.", compared)
     else:
         note = "Agreement: FRF assurance criterion over all lines, 1 where the two are proportional. Level: at the "
         note += "resonances where there are any."
+        lines, each = data.frfs.frf.frequency_hz, np.maximum(check.chi2_by_line, 1e-4)  # none is 0 on a log axis
+        series = [Series("each line", lines, each, "points")]
+        middle, mean, name = drawing.running_mean(lines, check.chi2_by_line)
+        if mean.size:
+            series.append(Series(name, middle, np.maximum(mean, 1e-4)))
+        caption = (
+            "Squared residual of each line over the noise's, mean over the draws; the line is a running mean over "
+        )
+        caption += "1 % of the lines. Where it stays above 1 the model is wrong."
+        largest = (
+            f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz."
+        )
+        squares, size = drawing.draw_squares_by_line, {"width": 7.2, "height": 2.4, "top": 0.3}
+        drawn = drawing.draw_alone(squares, lines, check.chi2_by_line, **size)
+        plot = LinePlot("Frequency (Hz)", "Squared residual", tuple(series), log_y=True)
+        residuals.append(Figure("residuals", caption, largest, drawn, plot))
         table = table_of_frfs("FRFs of data and best fit", diagnosis.pairs, note, compared)
     return ReportSection(
         "fit", "Measured and predicted", (*blocks, *of_frfs[:_FIRST], *residuals, *table, *of_frfs[_FIRST:])
@@ -152,23 +168,6 @@ def check_section(inputs: ReportInputs) -> ReportSection:
     checks = (test.summary.check for test in inputs.tests)
     said = (Paragraph(foreign(f"{check.sentence} {check.figures}")) for check in checks)
     return ReportSection("check", "Check of the model", tuple(said))
-
-
-def _residuals(data: FrfData, check: PredictiveCheck) -> Figure:
-    """Where the model does not explain the data."""
-    lines, each = data.frf.frequency_hz, np.maximum(check.chi2_by_line, 1e-4)  # none is 0 on a logarithmic axis
-    series = [Series("each line", lines, each, "points")]
-    middle, mean, name = drawing.running_mean(lines, check.chi2_by_line)
-    if mean.size:
-        series.append(Series(name, middle, np.maximum(mean, 1e-4)))
-    return Figure(
-        "residuals",
-        "Squared residual of each line over the noise's, mean over the draws; the line is a running mean over 1 % "
-        "of the lines. Where it stays above 1 the model is wrong.",
-        f"Squared residual by frequency; the largest is at {lines[int(np.argmax(check.chi2_by_line))]:.0f} Hz.",
-        drawing.draw_alone(drawing.draw_squares_by_line, lines, check.chi2_by_line, width=7.2, height=2.4, top=0.3),
-        LinePlot("Frequency (Hz)", "Squared residual", tuple(series), log_y=True),
-    )
 
 
 def table_of_frfs(

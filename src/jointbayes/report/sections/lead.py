@@ -145,8 +145,17 @@ def lead(inputs: ReportInputs, *, alone: bool = False) -> tuple[Block, ...]:
     cells = tuple(foreign(about[key]) if key in about else words for key in OF_A_TEST)
     head = Table("The test", tuple(OF_A_TEST.values()), (cells,), align="llll")
     said = [Paragraph(f"{inputs.specimen}.")] if inputs.specimen else []
+    # What forbids the use of the numbers stands above everything
+    posterior, summary, stops = inputs.posterior, inputs.summary, list[Block]()
+    if not posterior.converged:
+        lost = [name for name, each in summary.parameters.items() if each.known.cls == "no verdict"]
+        settled = "**The calculation has not converged.** Its Monte Carlo error changes no verdict."
+        text = f"**Do not use {_more(lost)}.**" if lost else settled
+        stops = [Callout("bad" if lost else "caution", f"{text} {sentence_start(posterior.reason)}.")]
+    elif summary.no_verdict:
+        stops = [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
     blocks = (
-        *_stops(inputs),
+        *stops,
         *([head] if alone else said),
         *blocks_on_tests(inputs),
         _answer_table(inputs, answers, _MOST_NAMED),
@@ -163,19 +172,6 @@ def answer_section(inputs: ReportInputs) -> ReportSection | None:
     if len(names) <= _MOST_NAMED:
         return None
     return ReportSection("answer", "Answer", (_answer_table(inputs, _answers(inputs), len(names)),))
-
-
-def _stops(inputs: ReportInputs) -> list[Block]:
-    """What forbids the use of the numbers: it stands above everything."""
-    posterior, summary = inputs.posterior, inputs.summary
-    if not posterior.converged:
-        lost = [name for name, each in summary.parameters.items() if each.known.cls == "no verdict"]
-        settled = "**The calculation has not converged.** Its Monte Carlo error changes no verdict."
-        text = f"**Do not use {_more(lost)}.**" if lost else settled
-        return [Callout("bad" if lost else "caution", f"{text} {sentence_start(posterior.reason)}.")]
-    if summary.no_verdict:
-        return [Callout("bad", f"**No stiffness can be stated**: {'; '.join(summary.no_verdict)}.")]
-    return []
 
 
 def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
@@ -298,17 +294,14 @@ def _answer_table(inputs: ReportInputs, answers: Sequence[_Answer], most: int) -
     if any(math.isfinite(each.limit) for answer in answers for each in answer.known.values()):
         note += f" {LIMIT_NOTE}"
     if every > most:
-        note += f" The {most} known least of {every}: {_counts(answers[0].known)}; the section on stiffness has all."
+        best_first = sorted(answers[0].known.values(), key=lambda each: RANK.get(each.cls, 9))
+        counts = Counter(each.plain_words for each in best_first)
+        counted = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        note += f" The {most} known least of {every}: {counted}; the section on stiffness has all."
     title = "Stiffness and damping of the joint" if damped else "Stiffness of the joint"
     head = ("Quantity" if damped else "Stiffness", *(answer.title for answer in answers), "Of the prior")
     drawn: dict[str, Any] = {"row_kinds": tuple(kinds), "bars": tuple(map(tuple, bars))}
     return Table(title, head, tuple(rows), "l" * len(head), note, **drawn)
-
-
-def _counts(known: Mapping[str, Verdict]) -> str:
-    """How many stiffnesses have each verdict, best first."""
-    counts = Counter(each.plain_words for each in sorted(known.values(), key=lambda each: RANK.get(each.cls, 9)))
-    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
 
 
 def _bar(known: Verdict, prior95: tuple[float, float]) -> tuple[float, float, float]:
@@ -361,7 +354,13 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
         parts.append("The model misses the data: intervals from such a fit are too narrow.")
     if solutions := describe_solutions(inputs.posterior):
         parts.append(foreign(solutions))
-    parts += _reasons(answers[0].known)
+    # those of one reason together, the first few reasons
+    by_reason: dict[str, list[str]] = {}
+    for name, each in answers[0].known.items():
+        if each.cls not in ("identified", "no verdict"):
+            by_reason.setdefault(each.because, []).append(name)
+    parts += [f"{_more(names)}: {reason}." for reason, names in by_reason.items()][:_MOST_REASONS]
+    parts += [f"And {len(by_reason) - _MOST_REASONS} more."] if len(by_reason) > _MOST_REASONS else []
     if summary.left_out:
         parts.append(foreign(sentence_of_left_out(summary.left_out)))
     return " ".join(parts) or "The noise of the measurement: more averages would narrow every interval."
@@ -369,14 +368,3 @@ def _limits(inputs: ReportInputs, answers: Sequence[_Answer]) -> str:
 
 def _more(names: Sequence[str]) -> str:
     return listed_names([foreign(name) for name in names[:_MOST_NAMED]]) + (" …" if len(names) > _MOST_NAMED else "")
-
-
-def _reasons(known: Mapping[str, Verdict]) -> list[str]:
-    """Why stiffnesses are no better known, those of one reason together, the first few reasons."""
-    by_reason: dict[str, list[str]] = {}
-    for name, each in known.items():
-        if each.cls not in ("identified", "no verdict"):
-            by_reason.setdefault(each.because, []).append(name)
-    sentences = [f"{_more(names)}: {reason}." for reason, names in by_reason.items()]
-    more = [f"And {len(sentences) - _MOST_REASONS} more."] if len(sentences) > _MOST_REASONS else []
-    return [*sentences[:_MOST_REASONS], *more]

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from jointbayes.frf import MeasuredBody
 from jointbayes.report.inputs import ReportInputs, TestInputs
 from jointbayes.report.markup import foreign
 from jointbayes.report.model import Block, Callout, Paragraph, ReportSection, Table
@@ -97,23 +96,19 @@ def measured_bodies_section(inputs: ReportInputs) -> ReportSection | None:
         "square of the difference of FRFs when force and response change places over what their noise allows, 1 "
         "expected; a dash where no pair was measured both ways. Nothing is interpolated."
     )
-    lines = [body.frequency_hz for _, body in bodies]
+    lines, relative = [body.frequency_hz for _, body in bodies], []
+    for _, body in bodies:
+        size = np.abs(body.receptance[:, *np.triu_indices(len(body.dofs))])
+        sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
+        relative.append(float(np.median(sd[size > 0] / size[size > 0])))
     columns = {
         "Body": [foreign(name) for name, _ in bodies],
         "DOFs": [foreign(", ".join(body.dofs)) for _, body in bodies],
         "Lines": [f"{f.size}, {f[0]:g} to {f[-1]:g} Hz" for f in lines],
-        "Noise, median (%)": [number(100 * _relative_noise(body), 2) for _, body in bodies],
+        "Noise, median (%)": [number(100 * noise, 2) for noise in relative],
         "Reciprocity": ["–" if body.discrepancy is None else number(body.discrepancy) for _, body in bodies],
     }
     table = Table.of("Measured bodies", columns, align="llrrr", note=note)
     files = tuple((foreign(name), *_file_row(file)) for name, body in bodies for file in body.files)
     listed = [Table("Files of the measured bodies", ("Body", "File", "Bytes", "SHA-256"), files)] if files else []
     return ReportSection("measured-bodies", "Measured bodies", (Paragraph(foreign(noise.sentence)), table, *listed))
-
-
-def _relative_noise(body: MeasuredBody) -> float:
-    """Standard deviation of the receptances over their size, the median over lines and pairs."""
-    a, b = np.triu_indices(len(body.dofs))
-    size = np.abs(body.receptance[:, a, b])
-    sd = np.sqrt(np.diagonal(body.covariance, axis1=1, axis2=2))
-    return float(np.median(sd[size > 0] / size[size > 0]))
