@@ -25,6 +25,7 @@ from jointbayes.identification import (
     search_further,
     sensitivity_iteration,
     why_not_iterated,
+    with_lines_in_groups,
 )
 from jointbayes.inference import Landing, Premises, Problem, in_workshop
 from jointbayes.posterior import Posterior, RunRecord, package_versions
@@ -344,7 +345,8 @@ def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chain
         if not chains.converged or problem.extra_log_likelihood is not None:
             return run, last.efficiency, chains
         # 2. the second opinion
-        opinion = second_opinion(Landing(log_posterior, mode=run.estimate.theta), chains, run.generator(_SECOND_ORIGIN))
+        ground = Landing(log_posterior, mode=run.estimate.theta, coarse=with_lines_in_groups(problem).log_posterior)
+        opinion = second_opinion(ground, chains, run.generator(_SECOND_ORIGIN))
         # 3. once more, where more modes were found
         modes = len(run.estimate.modes)
         if opinion.missed.size:

@@ -1,4 +1,4 @@
-"""A search on some of the lines of long FRFs ends where one on all does, and keeps what shows the resonances."""
+"""Some of the lines of long FRFs serve a search, and the slopes and bends of a density, as all of them do."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import pytest
 
 import jointbayes as jb
 from jointbayes.case.case import case_from_text
-from jointbayes.identification import on_fewer_lines, resonances
+from jointbayes.identification import on_fewer_lines, resonances, with_lines_in_groups
+from jointbayes.inference import Landing
 from tests.conftest import cheap_text, edited
 
 
@@ -75,3 +76,28 @@ def test_natural_frequencies_and_other_tests_stay_as_they_are(long_frf, frequenc
     fewer = on_fewer_lines(problem)
     assert fewer.tests[1] is problem.tests[1]
     assert fewer.tests[0].data.frf.n_lines < problem.tests[0].data.frf.n_lines
+
+
+def test_one_line_for_a_few_gives_the_slopes_and_bends_of_all(long_frf):
+    """At ends of climbs, of all lines and of groups alike: curvature to 2 %, bends to a twentieth of the length."""
+    grouped = with_lines_in_groups(long_frf)
+    assert grouped.test.data.frf.n_lines < long_frf.test.data.frf.n_lines / 4
+    whole = Landing(long_frf.log_posterior)
+    coarse = Landing(long_frf.log_posterior, coarse=grouped.log_posterior)
+    places, height = coarse.land(32, np.random.default_rng(1))
+    assert height.max() == pytest.approx(whole.land(32, np.random.default_rng(1))[1].max(), abs=2.0)
+    np.testing.assert_allclose(height, long_frf.log_posterior(places))
+    near = places[height > height.max() - 25.0][:8]
+    reach = np.full(len(near), 0.5)
+    (axes, bend), (few_axes, few_bend) = whole.shapes(near, reach, 1), coarse.shapes(near, reach, 1)
+    covariance = axes @ axes.swapaxes(1, 2)
+    ratio = np.linalg.eigvals(np.linalg.solve(covariance, few_axes @ few_axes.swapaxes(1, 2))).real
+    np.testing.assert_allclose(ratio, 1.0, atol=0.02)
+    across = np.linalg.solve(axes, (few_bend - bend)[:, 0, 0, :, None])
+    np.testing.assert_allclose(across, 0.0, atol=0.05)
+
+
+def test_lines_without_neighbours_to_spare_stay_as_they_are(frequency_case, long_frf, monkeypatch):
+    assert with_lines_in_groups(frequency_case.problem) is frequency_case.problem
+    monkeypatch.setattr(resonances, "_IN_A_GROUP", 1)
+    assert with_lines_in_groups(long_frf) is long_frf

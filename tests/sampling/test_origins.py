@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t, norm
 
 import jointbayes as jb
 from jointbayes.inference import Landing, LogPosterior
@@ -249,6 +250,22 @@ def test_the_density_of_a_bent_kernel_is_that_of_its_draws():
     assert total * cell == pytest.approx(1.0, abs=0.003)
     drawn = np.minimum(kernels.draw(np.random.default_rng(1), 200_000)[:, 1], 3.0)
     assert drawn.mean() == pytest.approx(up * cell, abs=5 * drawn.std() / np.sqrt(drawn.size))
+
+
+@pytest.mark.parametrize(("d", "bent", "n"), [(1, 0, 1), (2, 1, 64), (3, 0, 65), (4, 3, 200)])
+def test_each_kernel_is_a_bent_student_t(d, bent, n):
+    rng = np.random.default_rng(d)
+    bend = rng.normal(size=(7, bent, bent, d))
+    kernels = Kernels(rng.normal(size=(7, d)), rng.normal(size=(7, d, d)), bend + bend.swapaxes(1, 2), rng.random(7))
+    theta = kernels.draw(rng, n)
+    each = kernels.log_densities(theta)
+    z = np.linalg.solve(kernels.axes[0], (theta - kernels.places[0]).T)
+    z -= np.linalg.solve(kernels.axes[0], np.einsum("an,bn,abd->dn", z[:bent], z[:bent], kernels.bend[0]) / 2) * (
+        np.arange(d) >= bent
+    ).reshape(-1, 1)
+    exact = multivariate_t(np.zeros(d), np.eye(d), df=5).logpdf(z.T) - np.linalg.slogdet(kernels.axes[0])[1]
+    np.testing.assert_allclose(each[0], exact, atol=1e-10)
+    np.testing.assert_allclose(kernels.log_density(theta), logsumexp(each.T, b=kernels.weights, axis=1), atol=1e-10)
 
 
 def test_the_walk_from_sample_to_the_density_has_ten_frames_at_most(cheap_case, monkeypatch):

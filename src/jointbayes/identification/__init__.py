@@ -16,3 +16,4 @@ from jointbayes.identification.paper_iteration import why_not_iterated as why_no
 from jointbayes.identification.refine import refine as refine
 from jointbayes.identification.refine import refine_where_possible as refine_where_possible
 from jointbayes.identification.resonances import on_fewer_lines as on_fewer_lines
+from jointbayes.identification.resonances import with_lines_in_groups as with_lines_in_groups

@@ -6,14 +6,15 @@ Ewins, D. J. (2000). Modal testing: theory, practice and application, 2nd ed., s
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import scipy  # its parts load at first use
 
 from jointbayes.inference import Problem
 from vibrecords.arrays import Array, ComplexArray, Indices
+from vibrecords.data import FrfData
 from vibrecords.peaks import LEAST_SD, PROMINENCE, peak_places, shoulders
 
 _FEWEST = 5  # lines of the fit of a mode, at least
@@ -21,6 +22,8 @@ _FEWEST = 5  # lines of the fit of a mode, at least
 _TOGETHER = 0.2
 #: Values of a test that a search needs, and lines that it keeps: of all, and on each peak above half of its height.
 _ENOUGH_VALUES, _FEWEST_LINES, _ON_A_PEAK = 10_000, 500, 8
+#: Lines in place of which one stands at most, and widths of a peak to both sides of it where they stay.
+_IN_A_GROUP, _ABOUT_A_PEAK = 8, 2
 _ALMOST_ALL = 1.5  # lines for each that is kept, below which leaving them out saves nothing
 _ROUNDING = 1e-6  # of sums of one over whole numbers
 _REPLICATES = 30
@@ -31,28 +34,48 @@ def on_fewer_lines(problem: Problem) -> Problem:
 
     Each peak keeps lines enough for its shape: between lines that resolve the resonances a search learns nothing.
     """
+    return _thinned(problem, lambda lines, pairs: lines // max(_FEWEST_LINES, _ENOUGH_VALUES // pairs), 0)
+
+
+def with_lines_in_groups(problem: Problem) -> Problem:
+    """The problem with one line in place of a few neighbours, as sure as they are together; itself where none has any.
+
+    Near a joint that fits, its density has the slopes and bends of the whole to a few percent. Not its height: what the
+    noise of a line says counts as often as the line does.
+    """
+    return _thinned(problem, lambda _lines, _pairs: _IN_A_GROUP, _ABOUT_A_PEAK, grouped=True)
+
+
+def _thinned(problem: Problem, widest: Callable[[int, int], int], about: int, *, grouped: bool = False) -> Problem:
     tests, changed = list(problem.tests), False
     for place, test in enumerate(tests):
         if (frfs := test.data.frfs) is None or test.measured_bodies:
             continue
-        outputs, inputs = len(frfs.frf.outputs), len(frfs.frf.inputs)
-        widest = frfs.frf.n_lines // max(_FEWEST_LINES, _ENOUGH_VALUES // (outputs * inputs))
-        if widest < 2:
-            continue
-        receptances = frfs.frf.converted("receptance").values
-        step = np.full(frfs.frf.n_lines, widest)
-        for output, input_ in product(range(outputs), range(inputs)):
-            values = receptances[:, output, input_]
-            for peak in peak_places(frfs, values, output, input_):
-                first, last = shoulders(np.abs(values), peak)
-                on_peak = slice(first, last + 1)
-                step[on_peak] = np.minimum(step[on_peak], max(1, (last - first + 1) // _ON_A_PEAK))
-        # each line is one over the step of the way to the next that is kept; the first is
-        way = np.cumsum(1 / step) - 1 / step[0]
-        kept = np.flatnonzero(np.diff(np.floor(way + _ROUNDING), prepend=-1.0))
-        if _ALMOST_ALL * kept.size <= step.size:
-            tests[place], changed = replace(test, data=frfs.at_lines(kept)), True
+        lines, outputs, inputs = frfs.frf.values.shape
+        kept = _lines_that_resolve(frfs, widest(lines, outputs * inputs), about)
+        if _ALMOST_ALL * kept.size <= lines:
+            few, count = frfs.at_lines(kept), np.diff(kept, append=lines) if grouped else np.ones(kept.size)
+            tests[place] = replace(test, data=replace(few, variance=few.variance / count[:, None, None]))
+            changed = True
     return replace(problem, tests=tuple(tests)) if changed else problem
+
+
+def _lines_that_resolve(frfs: FrfData, widest: int, about: int) -> Indices:
+    """Places of lines `widest` apart, and closer on peaks and so many of their widths to both sides of them."""
+    if widest < 2:
+        return np.arange(frfs.frf.n_lines)
+    receptances = frfs.frf.converted("receptance").values
+    step = np.full(frfs.frf.n_lines, widest)
+    for output, input_ in np.ndindex(receptances.shape[1:]):
+        values = receptances[:, output, input_]
+        for peak in peak_places(frfs, values, output, input_):
+            first, last = shoulders(np.abs(values), peak)
+            width = last - first + 1
+            on_peak = slice(max(0, first - about * width), last + 1 + about * width)
+            step[on_peak] = np.minimum(step[on_peak], max(1, width // _ON_A_PEAK))
+    # each line is one over the step of the way to the next that is kept; the first is
+    way = np.cumsum(1 / step) - 1 / step[0]
+    return np.flatnonzero(np.diff(np.floor(way + _ROUNDING), prepend=-1.0))
 
 
 class SharedResonances:

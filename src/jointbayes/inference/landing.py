@@ -13,6 +13,7 @@ from vibrecords.arrays import Array, Indices
 
 _STEPS = 40
 _ARRIVED = 2.0  # in log density: a climb whose next step promises less has come down
+_HOPEFUL = 100.0  # below the best of few data: what is lower is climbed no further on all
 _AT_ONCE = 4_000_000  # derivatives of residuals held in memory together
 _STEP = 1e-6  # of first differences, in prior standard deviations
 _ALONG = 0.5  # of second differences, in lengths of an axis
@@ -31,21 +32,31 @@ class Landing:
         Columns of θ that are free; by default all.
     mode
         A point that fits, shape (d,): parameters of the noise start there, which no climb moves.
+    coarse
+        The posterior of fewer data that has its slopes and bends, for these and for the first part of each climb.
     """
 
-    def __init__(self, log_posterior: LogPosterior, free: Indices | None = None, mode: Array | None = None) -> None:
+    def __init__(
+        self,
+        log_posterior: LogPosterior,
+        free: Indices | None = None,
+        mode: Array | None = None,
+        coarse: LogPosterior | None = None,
+    ) -> None:
         prior = log_posterior.prior
         self._posterior, self._mode = log_posterior, prior.mean if mode is None else mode
+        self._coarse = log_posterior if coarse is None else coarse
         self._free = np.arange(prior.mean.size) if free is None else free
-        known = PosteriorSquares(log_posterior).columns
-        self._squares = PosteriorSquares(log_posterior, columns=np.intersect1d(known, self._free))
+        known = np.intersect1d(PosteriorSquares(log_posterior).columns, self._free)
+        self._squares = PosteriorSquares(log_posterior, columns=known)
+        self._coarse_squares = PosteriorSquares(self._coarse, columns=known)
         #: Prior standard deviations of the free coordinates, shape (f,).
         self.sd = prior.sd[self._free]
 
     @property
     def evaluations(self) -> int:
         """Number of points at which the posterior was evaluated so far."""
-        return self._posterior.evaluations
+        return sum(each.evaluations for each in {self._posterior, self._coarse})
 
     def whole(self, theta: Array) -> Array:
         """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
@@ -64,7 +75,10 @@ class Landing:
         points[:, columns] = prior.transform(qmc.Sobol(self._mode.size, seed=rng).random(n))[:, columns]
         points = self.whole(points[:, self._free])
         points = points[prior.feasible(points)]
-        theta, value = climb_all(self._squares, points, _STEPS, fine=True, enough=_ARRIVED)
+        theta, value = climb_all(self._coarse_squares, points, _STEPS, fine=True, enough=_ARRIVED)
+        if self._coarse is not self._posterior:
+            theta = theta[value > value.max(initial=-np.inf) - _HOPEFUL]
+            theta, value = climb_all(self._squares, theta, _STEPS, fine=True, enough=_ARRIVED)
         return theta[:, self._free], value
 
     def widths(self, theta: Array) -> Array:
@@ -98,7 +112,7 @@ class Landing:
 
     def _shapes(self, points: Array, reach: Array, bent: int) -> tuple[Array, Array]:
         # 1. slopes of the residuals, and the axes that they give
-        n, white, reach = len(points), self._posterior.white, reach.copy()
+        n, white, reach = len(points), self._coarse.white, reach.copy()
         here, jacobian = self._slopes(points)
         curvature, vectors = self._curvature(points, jacobian)
         axes, bend = np.empty_like(vectors), np.zeros((n, bent, bent, self.sd.size))
@@ -133,11 +147,11 @@ class Landing:
 
     def _parts(self, n: int) -> int:
         """Number of parts of n points whose derivatives are held in memory together."""
-        return max(1, n * self._posterior.likelihood.n_data * self.sd.size // _AT_ONCE)
+        return max(1, n * self._coarse.likelihood.n_data * self.sd.size // _AT_ONCE)
 
     def _slopes(self, points: Array) -> tuple[Array, Array]:
         """Residuals, shape (n, m), and their derivative by the free coordinates over their sd, (n, m, f)."""
-        prior, white, here = self._posterior.prior, self._posterior.white, self._posterior.white(points)
+        prior, white, here = self._posterior.prior, self._coarse.white, self._coarse.white(points)
         jacobian = np.empty((*here.shape, self.sd.size))
         for column, (free, sd) in enumerate(zip(self._free, self.sd, strict=True)):
             move = _STEP * min(sd, 1.0) * np.eye(points.shape[1])[free]

@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
-from jointbayes.identification import ModeSearch
+from jointbayes.identification import ModeSearch, with_lines_in_groups
 from jointbayes.inference import Landing, Normal, Nuisance, Problem, hypothesis_problem
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.checks import PredictiveCheck, checks_of
@@ -263,7 +263,7 @@ def _row(
     modes = by_names(found, posterior.problem.names, problem.names)
     if problem.log_posterior.likelihood.n_data * free.size > _AFFORDABLE:
         return UncertainInputsRow(uncertain, "none", {})
-    part = Landing(problem.log_posterior, free, modes[0])
+    part = Landing(problem.log_posterior, free, modes[0], with_lines_in_groups(problem).log_posterior)
     try:
         sample = draws_from_two_origins(
             part,
