@@ -355,7 +355,7 @@ class ModalProblem:
         return np.asarray(self.factor[lines] / np.abs(self.factor).max() / d)
 
     def _linear(self, poles: ComplexArray) -> list["_Linear"]:
-        """Best residues of each FRF for these poles; those of the last poles asked for are kept."""
+        """Return the best residues of each FRF for these poles, and keep them until other poles are asked for."""
         if self._last[0] != poles.tobytes():
             basis, fits = self._basis(poles).view(float), []
             for w, rest, target in zip(self.both_weights, self.rest, self.target, strict=True):

@@ -70,7 +70,7 @@ def identify_ratios(frf: FrfSet, variance: Array, modes: Sequence[MeasuredMode])
 
 
 def _ratios(dofs: Sequence[str], amplitude: Array, sd: Array) -> tuple[MotionRatio, ...]:
-    """Ratios of every row to that of what moves most, with their standard deviations.
+    """Divide every row by the row that moves most; with standard deviations.
 
     Amplitudes have one row for each DOF that moves, and one column for each force, which moves all rows in proportion:
     the ratio of two rows is the mean of those of each column, weighted by their errors.

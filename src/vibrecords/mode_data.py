@@ -369,7 +369,7 @@ class ModeData(ModalData):
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """DOFs of the modes, and those of antiresonances, each once."""
+        """DOFs of the modes and of the antiresonances, each once."""
         return tuple(dict.fromkeys((*self.dofs_of_modes, *(self.zeros.dofs if self.zeros else ()))))
 
     @property

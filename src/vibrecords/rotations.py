@@ -104,7 +104,7 @@ class Rotation:
         return self._sign * np.array(_SCHEMES[self.scheme]) / self.spacing
 
     def compute_frf(self, frf: FrfSet) -> FrfSet:
-        """FRFs of the rotation from those of its stations."""
+        """Compute the FRFs of a rotation from the FRFs of its stations."""
         chosen = frf.select(self.stations, frf.inputs)
         return replace(chosen, values=self.weights[None] @ chosen.values, outputs=(self.dof,), coherence=None)
 

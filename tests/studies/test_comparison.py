@@ -14,7 +14,7 @@ from jointbayes.posterior.decision import only_modes
 from jointbayes.posterior.evidence import Evidence
 from jointbayes.posterior.evidence_table import EvidenceTable, bayes_factor_words
 from jointbayes.studies import compare as weigh
-from tests.conftest import cheap_frequencies_text, cheap_text, cli, edited, pair_matrix
+from tests.conftest import CONFIGS, cheap_frequencies_text, cheap_text, cli, edited, pair_matrix
 from tests.one_line import refused
 
 #: Coordinates under each hypothesis; None for those of the case.
@@ -229,6 +229,11 @@ def test_cases_are_named_by_the_one_number_in_which_they_differ(cases):
     other = jb.case_from_text("other", frequencies_text(*changes))
     assert weigh.what_differs([cases[0], other]) == {"long": "long", "other": "other"}
     assert weigh.what_differs(cases[:1]) == {"long": "long"}
+    shipped = [jb.load_case(CONFIGS / f"clamped_beam_frequencies{end}.toml") for end in ("", "_360mm")]
+    assert list(weigh.what_differs(shipped).values()) == [
+        "length 383 mm",
+        "length 360 mm",
+    ]  # also the paper's iteration
 
 
 @pytest.mark.parametrize(("method", "error", "converged", "trusted"), [

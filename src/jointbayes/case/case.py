@@ -199,7 +199,7 @@ class Case:
 
 
 def _log_level(problem: Problem) -> float:
-    """Logarithm of measured FRFs over those of the nearest joint of the prior; 0 where some joint has such, or of none.
+    """ln of measured FRFs over the FRFs of the nearest joint of the prior; 0 if a joint comes close, or without FRFs.
 
     A quantity in doubt is told as that.
     """

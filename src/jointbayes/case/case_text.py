@@ -90,7 +90,7 @@ class CaseText:
 
     @property
     def files(self) -> list[Path]:
-        """Itself, the files that it builds on, and those of measurements that it names."""
+        """Itself, the files that it builds on, and the measurement files that it names."""
         home, found = Path(self.name).parent, [Path(self.name), *self.bases]
 
         def note(name: str) -> str:

@@ -50,7 +50,7 @@ _CANTILEVER = 1.8751040687  # first root of cos λ cosh λ = −1
 
 
 def input_warnings(spec: CaseSpec, text: CaseText, band_hz: tuple[float, float] | None) -> tuple[InputWarning, ...]:
-    """Look for values of a case that are far from those of machines.
+    """Look for values of a case that no usual machine has.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def _materials(structure: StructureBase) -> Iterator[Finding]:
 
 
 def _material(loc: tuple[str | int, ...], modulus: float, density: float) -> Iterator[Finding]:
-    """Yield modulus or density where they, or the velocity of sound, are those of no solid."""
+    """Yield modulus or density if no solid has them, or has their velocity of sound."""
     speed = _speed(modulus, density)
     if _within(modulus, YOUNGS_MODULUS) and _within(density, DENSITY) and _within(speed, WAVE_SPEED):
         return
@@ -198,13 +198,13 @@ def _within(value: float, ends: tuple[float, float]) -> bool:
 
 
 def _usual(modulus: float, density: float) -> bool:
-    """Whether a modulus and a density are together those of a material that beams are made of."""
+    """Say whether some beam material has both this modulus and this density."""
     numbers = modulus, density, _speed(modulus, density)
     return all(map(_within, numbers, (_USUAL_MODULUS, _USUAL_DENSITY, WAVE_SPEED)))
 
 
 def _likely(length: float, thickness: float) -> bool:
-    """Whether length and thickness in mm are those of a usual beam."""
+    """Say whether a usual beam has this length and thickness in mm."""
     numbers = length, thickness, length / thickness
     return all(map(_within, numbers, (_USUAL_LENGTH, _USUAL_THICKNESS, _USUAL_SLENDERNESS)))
 

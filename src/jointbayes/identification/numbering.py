@@ -1,4 +1,4 @@
-"""Whether measured natural frequencies are as probably those of other modes, or in another unit, than is stated."""
+"""Check whether measured natural frequencies fit other modes, or another unit, as well as the stated ones."""
 
 import math
 from dataclasses import dataclass, replace

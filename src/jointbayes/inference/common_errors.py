@@ -74,7 +74,7 @@ def has_edge(part: Problem) -> bool:
 
 
 def _length_of(part: Problem) -> int | None:
-    """Place of the factor on its length among those of a test's quantities; None where there is none."""
+    """Place of the length's factor among the factors of a test; None if the length has none."""
     names = [nuisance.name for nuisance in part.prior.nuisances]
     length = own_name(part.test.name, "length", names)
     return None if length is None else names.index(length)
@@ -212,7 +212,7 @@ def _of_ratio(motion: Array, change: Array, dof: int, reference: int) -> Array:
 
 
 def _places(test: Test) -> tuple[str, ...]:
-    """DOFs along the structure that move in a direction, but those of the joint: of points that it states, if any."""
+    """Return DOFs along the structure that move in a direction, without the joint's; of stated points, if any."""
     body = test.structures
     points = getattr(getattr(body, "recipe", None), "positions", None) or {
         label.rpartition(":")[0] for label in body.labels

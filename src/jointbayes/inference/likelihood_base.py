@@ -209,7 +209,7 @@ class Term:
     columns: Indices
 
     def select(self, matrices: AnyJointMatrix, factors: ArrayLike | None) -> tuple[JointMatrix, Any]:
-        """Joint matrices (..., r, r) and factors (..., q) of the test from those of all."""
+        """Select the test's joint matrices (..., r, r) and factors (..., q) from the ones of all tests."""
         of_test = None if factors is None else np.asarray(factors, dtype=float)[..., self.columns]
         return joint_matrix_of(matrices).block(self.rows), of_test
 
@@ -414,7 +414,7 @@ class TestsLikelihood(Likelihood):
         return np.concatenate(residuals), np.concatenate(slopes)
 
     def _among_all(self, term: Term, slope: Array, count: int) -> Array:
-        """Derivatives of one test's residuals, shape (m, count + its factors), among those of all."""
+        """Put the derivatives of one test's residuals, shape (m, count + its factors), in their place among all."""
         whole = np.zeros((len(slope), count + len(self.names)))
         whole[:, :count] = slope[:, :count]
         whole[:, count + term.columns] = slope[:, count:]

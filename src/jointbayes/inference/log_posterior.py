@@ -153,7 +153,7 @@ class LogPosterior:
         return (np.concatenate([data, root * (t - self.prior.mean)]), np.concatenate([slope, np.diag(root)]))
 
     def data_residuals(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Those of `residuals` that belong to the data, shape (m,), and their Jacobian, shape (m, d)."""
+        """Return the part of `residuals` that belongs to the data, shape (m,), and its Jacobian, shape (m, d)."""
         t = np.asarray(theta, dtype=float)
         self.evaluations += 1 + t.size
         directions = self._parametrisation.changes(self.prior.joint(t))

@@ -395,7 +395,7 @@ class Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all coordinates: the joint's, then those of what else is uncertain."""
+        """Names of all coordinates: of the joint, then of everything else that is uncertain."""
         return self.prior.names
 
     @property
@@ -409,7 +409,7 @@ class Problem:
         return self.parametrisation.quantities
 
     def structural(self, factors: ArrayLike) -> Array:
-        """Those of the nuisances' factors (..., q) that concern the structure of the one test, shape (..., f)."""
+        """Select from the nuisances' factors (..., q) the ones of the only test's structure, shape (..., f)."""
         return np.asarray(factors, dtype=float)[..., self.structural_columns]
 
     @cached_property
@@ -463,7 +463,7 @@ class Problem:
         """Lowest natural frequencies of the one test, shape (n, count), Hz, for quantities of the joint (n, q) or (q,).
 
         At the nominal structure, or at factors (n, q) of the nuisances. Shape (n, 0) where a body is given by its FRFs:
-        the assembled structure then has no modes that anybody knows.
+        the modes of the assembled structure are then unknown.
 
         Raises
         ------

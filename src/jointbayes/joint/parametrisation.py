@@ -1,7 +1,7 @@
 """Coordinates θ that joints are inferred in, and everything that is asked about them.
 
 A `Parametrisation` is one file of this room: its quantities and where they stand in K^J, its coordinates with names,
-labels, units and bounds, and where joints are positive definite. Nobody outside this room asks which one it is, or
+labels, units and bounds, and where joints are positive definite. No code outside this room asks which one it is, or
 whether it is of one joint or of several, see `jointbayes.joint.blocks`.
 """
 

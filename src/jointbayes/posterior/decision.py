@@ -149,7 +149,7 @@ def decide(
     freed: Problem | None = None,
     assumed: tuple[str, ...] = (),
 ) -> Problem:
-    """The problem whose posterior is the answer: that of modes, typed in or shown by FRFs, with the model's error.
+    """Return the problem whose posterior is the answer: of modes, typed in or shown by FRFs, with the model's error.
 
     FRFs of a structure that is modelled throughout are analysed as they are only where they show no mode, or where the
     error of the model is stated to be smaller than what their noise leaves open of the frequencies and the best fit

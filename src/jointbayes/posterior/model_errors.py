@@ -141,7 +141,7 @@ def _in_words(quantity: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MeshCheck:
-    """Predictions of the model's elements against those of much richer ones.
+    """Predictions of the model's elements, compared with much richer elements.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class MeshCheck:
 
 @one_blas_thread()
 def check_mesh(problem: Problem, theta: Array, covariance: Array, draws: Array, seed: int) -> MeshCheck | None:
-    """Compare a model's predictions with those of much richer elements.
+    """Compare a model's predictions with predictions of much richer elements.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ class StiffnessSummary:
 
 @dataclass(frozen=True, slots=True)
 class NuisanceSummary:
-    """One quantity besides the joint, in `unit`; `sd_log` and `contraction` are those of its logarithm."""
+    """One quantity besides the joint, in `unit`; `sd_log` and `contraction` refer to its logarithm."""
 
     unit: str
     nominal: float

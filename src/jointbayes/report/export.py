@@ -41,8 +41,8 @@ def export(
     """Write what a posterior says into a file of another program, and say what was written.
 
     FRFs are the median of the draws, line by line, with both ends of the 95 % band of its magnitude in columns of their
-    own. Natural frequencies and damping ratios, medians of the draws, stand above the table. Cards are those of the
-    joint of the medians, or of the joint mode where no joint has these.
+    own. Natural frequencies and damping ratios, medians of the draws, stand above the table. Cards hold the
+    joint of the medians, or the joint mode if no joint has these.
 
     Parameters
     ----------

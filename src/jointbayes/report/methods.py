@@ -134,7 +134,7 @@ def rules_of(posterior: Posterior) -> dict[VerdictRule, list[str]]:
 
 
 def terms_section(text: str, rules: Collection[VerdictRule] = (RULE,)) -> ReportSection:
-    """What the terms of a report mean, of those that its text has; `rules` are those of its stiffnesses."""
+    """Explain the terms that a report's text contains; `rules` are the verdict rules of its stiffnesses."""
     used = tuple(row for row in terms(rules).items() if any(term in text for term in row[0].split(", ")))
     table = Table("Terms", ("Term", "Meaning"), used, align="ll")
     return ReportSection("terms", "Terms", (table,), appendix=True)

@@ -132,7 +132,10 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
         x, y = drawing.low + 0.02 * size
         axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
-        axes.annotate(f"{1e3 * length:g} mm", (x + length, y), xytext=(4, 0), **(_style(_GREY) | {"ha": "left"}))
+        # its length above it, or next to it where there is ground above
+        aside = any(out[1] for mark in drawing.marks for out in mark.ground)
+        at = {"xytext": (4, 0), "ha": "left"} if aside else {"xytext": (0, 9)}
+        axes.annotate(f"{1e3 * length:g} mm", (x + length / (1 if aside else 2), y), **(_style(_GREY) | at))
     # Move each label that lies on an earlier one, or on a wall, to the first place around its point that is free
     axes.apply_aspect()
     points, taken = 72 / axes.figure.dpi, []  # middle and half size of each wall and label, points

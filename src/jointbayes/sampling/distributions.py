@@ -371,7 +371,7 @@ class Pool:
         return importance_efficiency(log_weight)
 
     def add(self, density: ProposalDensity, coordinates: Coordinates, theta: Array, value: Array, n: int) -> None:
-        """Add those of n draws from a proposal at which the density is above zero."""
+        """Add the draws, of n from a proposal, at which the density is above zero."""
         old = np.log(n) + log_density_over_theta(density, coordinates, self.theta)
         self._sources.append((density, coordinates, n))
         # many of them in the same coordinates, the change to which is as dear as a density

@@ -77,7 +77,7 @@ class Kernels:
         return self.mixed(self.log_densities(theta))
 
     def mixed(self, log_densities: Array) -> Array:
-        """Log of the mixture's density, shape (n,), of those of its kernels, shape (k, n)."""
+        """Log of the mixture's density, shape (n,), from the log densities of its kernels, shape (k, n)."""
         each = log_densities + np.log(self.weights)[:, None]
         top = each.max(axis=0)
         return np.asarray(top + np.log(np.exp(each - top).sum(axis=0)))

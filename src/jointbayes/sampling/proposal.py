@@ -412,7 +412,7 @@ def proposal_from_draws(
 def refit_proposal(
     log_density: LogDensity, systems: Sequence[Coordinates], proposal: Proposal, theta: Array, rng: np.random.Generator
 ) -> Proposal:
-    """The proposal fitted to draws θ, shape (n, d); of several modes to those of each, where there are enough."""
+    """Fit a proposal to draws θ, shape (n, d); with several modes to each mode that has enough draws."""
     modes = proposal.modes
     if modes is None:
         return proposal_from_draws(log_density, systems, theta, rng)

@@ -334,7 +334,7 @@ class MemberRecipe(Recipe):
 
     @cached_property
     def positions(self) -> dict[str, Vector]:
-        """Place of every point, m, by its name with that of its body."""
+        """Place of every point, m, by the name of its body and its own."""
         return {f"{_prefix(name)}{point}": place for name, body in self.bodies for point, place in body.all_points}
 
     def require_dof(self, label: str) -> None:
@@ -410,7 +410,7 @@ class MemberRecipe(Recipe):
         return _diagonal(list(self.positions.values()))
 
     def body_factor(self, number: int, factors: Mapping[str, Array], quantity: str) -> Array:
-        """Factor on a quantity of a body from those by name, that of all bodies among them."""
+        """Multiply the factors on one quantity of a body: its own, and the one on all bodies."""
         name, _ = self.bodies[number]
         if quantity == "accelerometer_mass":
             return self.lumped_factor(factors.get(quantity, _ONE))

@@ -196,7 +196,7 @@ class BeamFamily(FrameFamily):
     def reach_hz(self, count: int) -> float:
         """A frequency above the first `count` natural frequencies, Hz: that of so many half waves in a slender beam.
 
-        Of a beam that bends in two planes those of the softer one suffice.
+        For a beam that bends in two planes the softer plane decides.
         """
         half_waves = count + MOST_HELD + len(self.recipe.supports)
         return self.recipe.whole.bending_frequency_hz(half_waves, softer=self.recipe.dofs_per_node == 5)

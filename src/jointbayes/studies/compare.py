@@ -108,6 +108,8 @@ class WeighedModel:
 
 Row = dict[str, Any]
 
+#: Tables and keys of a case on which no evidence depends.
+_MOVES_NO_EVIDENCE = {"reference", "title", "about", "identification"}
 #: Endings of keys and their units, where a case differs from another by one number.
 _UNITS = {"_mm": "mm", "_gpa": "GPa", "_kg_m3": "kg/m³", "_g": "g", "_kg": "kg", "_percent": "%"}
 _IN_SHORT = {
@@ -207,7 +209,7 @@ class Compared:
 
 def what_differs(cases: Sequence[Case]) -> dict[str, str]:
     """Return for each case, by its name, the one number in which it differs from the others, or its name."""
-    stated = [dict(_leaves(case.spec.model_dump(exclude={"reference", "title"}))) for case in cases]
+    stated = [dict(_leaves(case.spec.model_dump(exclude=_MOVES_NO_EVIDENCE))) for case in cases]
     keys = [k for k in dict.fromkeys(k for each in stated for k in each) if len({repr(e.get(k)) for e in stated}) > 1]
     values = [each.get(keys[0]) for each in stated] if len(keys) == 1 else []
     if not values or not all(isinstance(value, float | int) for value in values):

@@ -183,7 +183,7 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
 
 
 def _log_prior_of_change(own: Problem, theta: Array) -> Array:
-    """ln of the prior with changes of a likely size over that of a joint in each test, shape (n,), of θ, shape (n, d).
+    """ln of the ratio of two priors at θ, (n, d): changes of a likely size over independent joints, shape (n,).
 
     The new joint has its own prior times a normal density about the joint before, normalised for each.
     """

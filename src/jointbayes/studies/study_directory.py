@@ -22,8 +22,8 @@ def sketch_figure(tested: Problem | None) -> tuple[Figure, ...]:
 
 def settings_section(*settings: tuple[str, str]) -> ReportSection:
     """The last section of a study's page: settings by name, and the version of all that its numbers depend on."""
-    versions = [(foreign(name), foreign(version)) for name, version in package_versions().items()]
-    table = Table("Settings and versions", ("Item", "Value"), (*settings, *versions), align="ll")
+    versions = foreign(", ".join(" ".join(each) for each in package_versions().items()))
+    table = Table("Settings and versions", ("Item", "Value"), (*settings, ("Versions", versions)), align="ll")
     return ReportSection("settings", "Settings", (table,))
 
 

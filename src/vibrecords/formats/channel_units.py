@@ -108,7 +108,7 @@ def sides_of(unit: str) -> tuple[str, str]:
 
 
 def unknown_sides(unit: str) -> tuple[set[str], set[str]]:
-    """Keys that a case must state of response and force of an FRF whose unit is that of no motion over a force."""
+    """Return the keys that a case must state if the unit of an FRF is no motion over a force."""
     response, force = (
         set() if not part or sensor_unit(part) else {"unit", "sensitivity"} if _volts(part) else {"unit"}
         for part in sides_of(unit)

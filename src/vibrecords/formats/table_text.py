@@ -579,7 +579,7 @@ def _header(head: list[_TableHead], delimiter: str, count: int, comments: dict[s
 
 
 def _are_units(cells: list[str], above: list[tuple[int, list[str]]], count: int) -> bool:
-    """Whether a row above the numbers holds units: those of an axis first, and below names or with known ones only."""
+    """Say whether a row above the numbers holds units: first of an axis; below names, or known units only."""
     first = next((i for i, cell in enumerate(cells) if cell), 0)
     if not 0 < len(cells) <= count or axis_role(cells[first]) is None:
         return False

@@ -711,7 +711,7 @@ class _UniversalFile:
             return header, *decode(header, self.lines(data_set), data_set.stop - data_set.start)
 
     def units_of(self, data_set: UffDataSet) -> FileUnits:
-        """Those of the last data set 164 before it, or else of the first in the file."""
+        """Units of the last data set 164 before it, or else of the first in the file."""
         before = [number for number in self.units if number < data_set.number]
         return self.units[max(before) if before else min(self.units)] if self.units else FileUnits()
 

@@ -211,14 +211,14 @@ def frf_unit(label: str, reference_label: str = "") -> tuple[float, Quantity] | 
 
 
 def _readings(label: str, reference_label: str) -> set[Unit]:
-    """The units that a label can stand for, divided by that of the force where it stands apart."""
+    """Return the units that a label can stand for, divided by the unit of the force if it stands apart."""
     reference = parse_unit(reference_label)
     units = {unit for lasting in (True, False) if (unit := parse_unit(label, lasting=lasting)) is not None}
     return {u if u.powers[1] or u.powers[3] or reference is None else u.times(reference, -1) for u in units}
 
 
 def is_force_over_motion(label: str) -> bool:
-    """Whether a unit is that of dynamic stiffness, impedance or apparent mass.
+    """Say whether a unit belongs to dynamic stiffness, impedance or apparent mass.
 
     Examples
     --------

@@ -304,7 +304,7 @@ class MeasuredSpec(DataTable):
 
     @property
     def labelled(self) -> dict[KeyPath, tuple[str, ...]]:
-        """DOFs of the channels, and of virtual points in place of those of their sensors."""
+        """DOFs of the channels; a virtual point takes the place of its sensors."""
         sensors = {sensor for point in self.virtual_points.values() for sensor in point.sensors_mm}
         labels = {name: channel.label for name, channel in self.channels.items()}
         of_channels: dict[KeyPath, tuple[str, ...]] = {

@@ -162,7 +162,7 @@ class CaseSpec(Spec):
 
     @property
     def sharing(self) -> dict[str, str]:
-        """Joints whose quantities are those of another one, by name."""
+        """Joints that share the quantities of another joint, by name."""
         joints = self.joints.items() if self.joined and self.joint is None else ()
         return {name: joint.shared for name, joint in joints if joint.shared is not None}
 

@@ -108,7 +108,7 @@ class ModelErrorNoise(NoiseModel):
         return self.sizes
 
     def shared(self, noises: "Sequence[ModelErrorNoise]", bodies: Sequence[int]) -> "ModelErrorNoise":
-        """The model of several tests, one after the other, with one size s; errors are those of one body."""
+        """Join the models of several tests of one body: the tests share its errors and one size s."""
         pairs = list(zip(noises, bodies, strict=True))
         clamps = [next(other.clamp or str(of) for other, of in pairs if of == body) for _, body in pairs]
         return replace(
@@ -272,7 +272,7 @@ class ModelErrorNoise(NoiseModel):
 
 
 def _side_by_side(blocks: Sequence[Array], owners: Sequence[object]) -> Array:
-    """Columns of several tests, one below the other; those of one owner are one effect, others stand next to it."""
+    """Stack the columns of several tests: one owner's columns are one effect, other owners get columns of their own."""
     columns = dict.fromkeys(owner for owner, block in zip(owners, blocks, strict=True) if block.shape[1])
     width = {o: max(b.shape[1] for other, b in zip(owners, blocks, strict=True) if other == o) for o in columns}
     first = dict(zip(columns, np.cumsum([0, *width.values()]).tolist(), strict=False))

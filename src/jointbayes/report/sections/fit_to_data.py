@@ -45,7 +45,7 @@ def frf_unit(quantity: Quantity, output: str, input_: str) -> str:
 
 
 def shown_lines(frf: FrfSet) -> Indices:
-    """Lines that a figure of FRFs shows: all, or of many those of the highest and lowest magnitude of each stretch."""
+    """Return the lines that a figure of FRFs shows: all, or of many the highest and lowest of each stretch."""
     magnitude = np.abs(frf.values).reshape(frf.n_lines, -1).T
     if frf.n_lines <= _MOST_LINES:
         return np.arange(frf.n_lines)

@@ -117,7 +117,7 @@ def nuisance_section(inputs: ReportInputs) -> ReportSection | None:
 
 
 def verdict_sentences(summary: Summary, *, beside: bool = True) -> str:
-    """Each stiffness's verdict with its reasons, a sentence each; `beside`: also without what it takes as exact."""
+    """Return a sentence on each stiffness: verdict and reasons; with `beside` also the answer without exact inputs."""
     sentences = []
     for name, p in summary.parameters.items():
         reasons = [*map(str, p.known.reasons), *([p.known.next_to_it] if beside and p.known.next_to_it else [])]
@@ -163,7 +163,7 @@ def knowledge_section(inputs: ReportInputs) -> ReportSection:
 
 
 def _correlations(posterior: Posterior) -> Table:
-    """Correlation of the draws, the joint's coordinates against all."""
+    """Correlate the draws of the joint's coordinates with all coordinates."""
     labels = coordinate_labels(posterior.problem)
     matrix = np.atleast_2d(np.corrcoef(posterior.theta.T))
     joint = labels[: len(posterior.problem.parametrisation.names)]
@@ -173,7 +173,7 @@ def _correlations(posterior: Posterior) -> Table:
 
 
 def freed_blocks(knowledge: Knowledge) -> list[Block]:
-    """The effect of uncertain inputs: a sentence and the table, whose first row is the run."""
+    """Show the effect of uncertain inputs: a sentence, and a table whose first row is the run."""
     if knowledge.workshop is not None and len(knowledge.freed) <= _ROWS_OF_PAGE_ONE:
         return []
     names = tuple(knowledge.freed[0].known)
@@ -209,7 +209,7 @@ def _freed_row(row: UncertainInputsRow, names: tuple[str, ...]) -> tuple[str, ..
 
 
 def _decides_blocks(decides: WhatDecides) -> list[Block]:
-    """Each uncertain input alone: which matters most, and a table, the spread of each stiffness with it."""
+    """Say which uncertain input matters most, with a table of the spread that each causes alone."""
     rows = [("none", decides.exact), *((readable(name), sd) for name, sd in decides.alone.items())]
     rows += [("all of these", decides.together)]
     names = tuple(decides.exact)
@@ -235,7 +235,7 @@ def range_sentences(knowledge: Knowledge) -> tuple[str, ...]:
 
 
 def likelihood_section(inputs: ReportInputs) -> ReportSection | None:
-    """Likelihood-ratio limits, which are no credible intervals; None where no residual depends on a coordinate."""
+    """Show likelihood-ratio limits, which are no credible intervals; None if no residual depends on a coordinate."""
     knowledge, summary = inputs.knowledge, inputs.summary
     if not knowledge.profiles:
         return None

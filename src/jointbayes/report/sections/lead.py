@@ -175,7 +175,7 @@ def answer_section(inputs: ReportInputs) -> ReportSection | None:
 
 
 def blocks_on_tests(inputs: ReportInputs) -> tuple[Block, ...]:
-    """The sketch, where anybody knows what the structure looks like, and what was measured."""
+    """Return the sketch, only of a structure whose shape is known, and a sentence on what was measured."""
     problem = inputs.posterior.problem
     parts = problem.parts
     structures = [_structure(part) for part in parts]

@@ -35,7 +35,7 @@ _PEAKS = (
 
 
 def frequency_section(inputs: TestInputs) -> ReportSection | None:
-    """Natural frequencies of the model next to those of the data; None where there are neither."""
+    """Compare natural frequencies of model and data; None if there are neither."""
     frequencies, peaks = inputs.summary.natural_frequencies_hz, inputs.summary.diagnosis.modes
     measured, modes = frequencies.measured, inputs.problem.test.data.modes
     best = np.array(frequencies.map or [peak.predicted_hz for peak in peaks])

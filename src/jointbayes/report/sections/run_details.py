@@ -57,7 +57,7 @@ def starts_section(inputs: ReportInputs) -> ReportSection:
 
 
 def sampling_section(inputs: ReportInputs) -> ReportSection:
-    """How the draws were made and how well they mixed."""
+    """Describe how the draws were made and how well they mixed."""
     record = inputs.posterior.record
     s = record.sampler
     if not s["move_acceptance"]:  # no walkers
@@ -75,7 +75,7 @@ def sampling_section(inputs: ReportInputs) -> ReportSection:
 
 
 def chain_values(posterior: Posterior) -> tuple[list[str], Array, NDArray[np.intp]]:
-    """Labels of all coordinates, draws, shape (chains, draws, coordinates), and the ensemble of each chain."""
+    """Return labels of all coordinates, draws of shape (chains, draws, coordinates), and each chain's ensemble."""
     theta = posterior.theta.reshape(*posterior.log_density.shape, -1)
     return coordinate_labels(posterior.problem), theta, posterior.draws["ensemble"].values
 
