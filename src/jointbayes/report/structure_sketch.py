@@ -134,8 +134,8 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
         # its length above it, or next to it where there is ground above
         aside = any(out[1] for mark in drawing.marks for out in mark.ground)
-        at = {"xytext": (4, 0), "ha": "left"} if aside else {"xytext": (0, 9)}
-        axes.annotate(f"{1e3 * length:g} mm", (x + length / (1 if aside else 2), y), **(_style(_GREY) | at))
+        where: dict[str, Any] = {"xytext": (4, 0), "ha": "left"} if aside else {"xytext": (0, 9)}
+        axes.annotate(f"{1e3 * length:g} mm", (x + length / (1 if aside else 2), y), **(_style(_GREY) | where))
     # Move each label that lies on an earlier one, or on a wall, to the first place around its point that is free
     axes.apply_aspect()
     points, taken = 72 / axes.figure.dpi, []  # middle and half size of each wall and label, points
