@@ -23,7 +23,7 @@ ROOMS = {
     "inference": (2500, 2772),
     "identification": (1250, 1411),
     "sampling": (1300, 2180),
-    "posterior": (3700, 4933),
+    "posterior": (3700, 4925),
     "studies": (1700, 1695),
     "case": (4000, 4757),
     "report": (2900, 3440),

@@ -60,13 +60,10 @@ def judged_quantities(prior: JointPrior) -> Quantities:
         if not others:
             return joint
         stiffness = prior.values(theta)
-        columns = [_logarithm(stiffness[..., i], signed=q.may_be_negative) for i, q in others]
+        columns = []
+        for i, quantity in others:
+            k, scale = stiffness[..., i], float(np.median(np.abs(stiffness[..., i]))) or 1.0
+            columns.append(np.arcsinh(k / scale) if quantity.may_be_negative else np.log(k))
         return np.concatenate([joint, np.stack(columns, axis=-1)], axis=-1)
 
     return Quantities((*parametrisation.names, *(q.name for _, q in others)), values)
-
-
-def _logarithm(stiffness: Array, *, signed: bool) -> Array:
-    if not signed:
-        return np.log(stiffness)
-    return np.arcsinh(stiffness / (float(np.median(np.abs(stiffness))) or 1.0))

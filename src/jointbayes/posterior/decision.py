@@ -270,7 +270,9 @@ def modes_problem(
         if frfs is None:
             tests.append(test)
             continue
-        resonances, tried = resonances_of(frfs), _tried(part, estimate, seed)
+        # modes are counted at the MAP, at other modes and at draws of the prior
+        theta = np.vstack([estimate.places, part.prior.sample(np.random.default_rng(seed), _DRAWS)])
+        resonances, tried = resonances_of(frfs), (part.prior.values(theta), part.prior.factors(theta))
         zeros = {dof: fit for dof, fit in _zeros(frfs).items() if fit and dof not in test.joints.labels}
         (numbers, far), *of_zeros = _counted(part, tried, resonances, zeros)
         left_out += [_far_in_words(test, resonances[place]) for place in far]
@@ -397,13 +399,6 @@ def _counted(
     return counted
 
 
-def _tried(part: Problem, estimate: MapEstimate, seed: int) -> tuple[Array, Array]:
-    """Stiffnesses and factors at the MAP, other modes and draws of the prior: where the modes are counted."""
-    prior = part.prior
-    theta = np.vstack([estimate.places, prior.sample(np.random.default_rng(seed), _DRAWS)])
-    return prior.values(theta), prior.factors(theta)
-
-
 def _matched(modes: Sequence[MeasuredMode], predicted_hz: Array) -> tuple[NDArray[np.intp], tuple[int, ...], float]:
     """Numbers of measured frequencies among predicted ones, places of those that are none, and how far all are."""
     measured_hz = np.array([mode.frequency_hz for mode in modes])
@@ -492,7 +487,8 @@ def premises_sentences(premises: Premises, model_error: InferredError | None) ->
     """What an answer of modes rests on, with the model's error as it was inferred; of data as stated what was asked."""
     if not premises.reason:
         return (premises.asked,) if premises.asked else ()
-    where = {mode.held: _frequencies(premises.modes, mode.held) for mode in premises.modes}
+    held = dict.fromkeys(mode.held for mode in premises.modes)
+    where = {dof: ", ".join(number(m.frequency_hz, 4) for m in premises.modes if m.held == dof) for dof in held}
     zeros = "".join(f", and the antiresonances of {held} at {text} Hz" for held, text in where.items() if held)
     dofs = dict.fromkeys(dof for mode in premises.modes for r in mode.ratios for dof in (r.dof, r.reference))
     ratios = f", and the ratios of the motions of {', '.join(dofs)} in them" if dofs else ""
@@ -506,7 +502,3 @@ def premises_sentences(premises: Premises, model_error: InferredError | None) ->
     if premises.assumed:
         sentences.append(f"Assumed, as the case does not state it: {', '.join(premises.assumed)}.")
     return (*sentences, *premises.left_out, *premises.numbering)
-
-
-def _frequencies(modes: Sequence[UsedMode], held: str) -> str:
-    return ", ".join(number(mode.frequency_hz, 4) for mode in modes if mode.held == held)

@@ -274,7 +274,11 @@ def diagnose_frfs(
     if len(ratios):
         at_modes = median_seen(ratios[..., 2], axis=0)
         levels = np.where(np.isfinite(at_modes), np.exp(at_modes), levels)
-    pairs = tuple(map(_pair_fit, product(outputs, inputs), have.T, want.T, levels.tolist()))
+    pairs = []
+    for labels, here, there, level in zip(product(outputs, inputs), have.T, want.T, levels.tolist(), strict=True):
+        both, square = np.vdot(there, here), np.vdot(there, there).real * np.vdot(here, here).real
+        turned = bool(both.real < -0.5 * math.sqrt(square))
+        pairs.append(PairFit(*labels, float(np.abs(both) ** 2 / square), level, turned))
     with np.errstate(invalid="ignore"):
         by_mode = median_seen(ratios, axis=1)
     modes = tuple(
@@ -290,12 +294,15 @@ def diagnose_frfs(
     sensor = _sensor(pairs, level_scatter, _GROSS if causes else _LEAST_LEVEL)
     if sensor:
         causes.insert(0, "one sensor")
-    elif not causes and _all_off(np.log(levels), level_scatter):
-        causes.append("level")
+    elif not causes:  # whether all FRFs together are off in level
+        log_level = np.log(levels)
+        limit = max(_SIGNIFICANT * float(np.sqrt((level_scatter**2).sum())) / len(level_scatter), _LEAST_LEVEL)
+        if abs(float(log_level.mean())) > limit and abs(np.sign(log_level).sum()) == len(log_level):
+            causes.append("level")
     off = np.abs(by_mode[:, 1]) > np.maximum(_SIGNIFICANT * by_mode_scatter[:, 1], _LEAST_DAMPING)
     if off.size and off.mean() >= 0.5:
         causes.append("damping")
-    return Diagnosis(modes, pairs, tuple(causes), sensor)
+    return Diagnosis(modes, tuple(pairs), tuple(causes), sensor)
 
 
 def _frequency_cause(shift: Array, scatter: Array, least: ArrayLike) -> list[Cause]:
@@ -305,12 +312,6 @@ def _frequency_cause(shift: Array, scatter: Array, least: ArrayLike) -> list[Cau
     same = len(shift) > 1 and abs(np.sign(shift).sum()) == len(shift)
     even = np.abs(shift).min() >= _SAME_WAY * np.abs(shift).max()
     return ["frequencies, all the same way" if same and even else "frequencies, unevenly"]
-
-
-def _all_off(log_level: Array, scatter: Array) -> bool:
-    """Whether all FRFs together are off in level."""
-    limit = max(_SIGNIFICANT * float(np.sqrt((scatter**2).sum())) / len(scatter), _LEAST_LEVEL)
-    return abs(float(log_level.mean())) > limit and abs(np.sign(log_level).sum()) == len(log_level)
 
 
 def _sensor(pairs: Sequence[PairFit], scatter: Array, least: float) -> str:
@@ -327,9 +328,3 @@ def _sensor(pairs: Sequence[PairFit], scatter: Array, least: float) -> str:
     if sum(turned) != 1 and (any(turned) or not (alone and apart)):
         return ""
     return f"{pairs[worst].output}/{pairs[worst].input}"
-
-
-def _pair_fit(labels: tuple[str, str], have: Complex, want: Complex, level: float) -> PairFit:
-    both, square = np.vdot(want, have), np.vdot(want, want).real * np.vdot(have, have).real
-    turned = bool(both.real < -0.5 * math.sqrt(square))
-    return PairFit(*labels, float(np.abs(both) ** 2 / square), level, turned)

@@ -235,23 +235,20 @@ class LikelihoodRegion:
         if (index, fall) not in self._ends:
             lesser = [known for known in self._ends if known[0] == index and known[1] < fall]
             near = self._ends[max(lesser)] if lesser else np.array([self._top, self._top])
-            self._ends[index, fall] = self._extremes(index, fall, near)
+            # climb from one near each, and from the farthest draws
+            level = self.greatest - fall
+            inside = self._draws[self._heights >= level]
+            drawn = self._of(index, inside)
+            climbs = [
+                self._extreme(np.array([first, *inside[np.argsort(sign * drawn)][-1:]]), index, level, sign)
+                for sign, first in zip((-1.0, 1.0), near, strict=True)
+            ]
+            self._ends[index, fall] = np.array(climb_together(self._height, climbs))
         return self._ends[index, fall]
 
     def _is_above(self, ends: Array, fall: float) -> NDArray[np.bool_]:
         """Whether ln L has not fallen so far at extremes, shape (n, d)."""
         return self._height(ends) > self.greatest - fall + _OPEN
-
-    def _extremes(self, index: int, fall: float, near: Array) -> Array:
-        """Points θ, shape (2, d), with the least and the greatest value, from one near each and the farthest draws."""
-        level = self.greatest - fall
-        inside = self._draws[self._heights >= level]
-        drawn = self._of(index, inside)
-        climbs = [
-            self._extreme(np.array([first, *inside[np.argsort(sign * drawn)][-1:]]), index, level, sign)
-            for sign, first in zip((-1.0, 1.0), near, strict=True)
-        ]
-        return np.array(climb_together(self._height, climbs))
 
     def _extreme(self, starts: Array, index: int, level: float, sign: float) -> Climb:
         """Climb from each start, and on from the farthest end until that leads nowhere."""

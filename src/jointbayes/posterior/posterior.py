@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jointbayes.errors import ModelError
 from jointbayes.frf import AnyStructure, Ports
@@ -57,7 +56,6 @@ from jointbayes.posterior.verdicts import line_of
 from jointbayes.reproducibility import one_blas_thread
 from jointbayes.rounding import in_lines
 from jointbayes.structure import StructureRecipe
-from vibrecords import FrfSet
 from vibrecords.arrays import Array
 from vibrecords.notebook_view import frf_svg, paragraph_html, table_html
 
@@ -254,7 +252,9 @@ class Posterior(Sampled):
         part = next((part for part in self.problem.parts if part.test.data.shown_frfs), None)
         drawing = ""
         if part is not None and part.test.data.shown_frfs is not None:
-            frf, best = part.test.data.shown_frfs.frf, self._best_frfs(part, part.test.data.shown_frfs.frf)
+            frf, prior, theta = part.test.data.shown_frfs.frf, part.prior, self.estimate.theta[None]
+            ports = Ports(frf.frequency_hz, frf.outputs, frf.inputs)
+            best = part.frfs_as_measured(ports, frf.quantity, prior.values(theta), prior.factors(theta))[0]
             drawing = frf_svg(frf.frequency_hz, {"measured": frf.values[:, 0, 0], "MAP": best[:, 0, 0]})
         drawing += "".join(map(paragraph_html, self._remarks))
         rows = [stiffness_row(name, self.verdict(name)) for name in judged_names(self)]
@@ -274,11 +274,6 @@ class Posterior(Sampled):
     def _remarks(self) -> tuple[str, ...]:
         """What stands below the numbers where a posterior is printed."""
         return (*assumptions_of(self), self.estimate.sentence)
-
-    def _best_frfs(self, part: Problem, frf: FrfSet) -> NDArray[np.complex128]:
-        """FRFs of the MAP where others were measured, in their quantity and shape."""
-        theta, ports = self.estimate.theta[None], Ports(frf.frequency_hz, frf.outputs, frf.inputs)
-        return part.frfs_as_measured(ports, frf.quantity, part.prior.values(theta), part.prior.factors(theta))[0]
 
 
 def region_level(posterior: Sampled, stiffness: ArrayLike) -> float:

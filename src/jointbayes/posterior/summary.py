@@ -278,7 +278,12 @@ class Summary:
             "case": record.case_name,
             **attributes_of(record, "seed", "converged", "reason", "sampler", "versions"),
             **attributes_of(self, "about", "warnings", "no_verdict", "solutions", "data_sha256"),
-            "parameters": {name: _parameter_json(p) for name, p in self.parameters.items()},
+            "parameters": {
+                name: attributes_of(p, "unit", "map")
+                | p.known.as_json()
+                | attributes_of(p, "r_hat", "ess_bulk", "ess_tail")
+                for name, p in self.parameters.items()
+            },
             "nuisances": {name: asdict(n) for name, n in self.nuisances.items()},
             "modes": [asdict(mode) for mode in self.modes],
             "map": asdict(self.map) | {"starts": [{"name": n, "reached_mode": r} for n, r in self.map.starts]},
@@ -522,12 +527,6 @@ def nuisance_summary(posterior: Sampled, index: int) -> NuisanceSummary:
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
     )
-
-
-def _parameter_json(p: StiffnessSummary) -> dict[str, Any]:
-    """What ``parameters.<name>`` of ``summary.json`` holds."""
-    drawn = {"r_hat": p.r_hat, "ess_bulk": p.ess_bulk, "ess_tail": p.ess_tail}
-    return {"unit": p.unit, "map": p.map, **p.known.as_json(), **drawn}
 
 
 def value_rows(drawn: Mapping[str, tuple[Array, str]]) -> list[tuple[str, str]]:
