@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -128,6 +129,7 @@ def find_map(
     seed: int | None = None,
     progress: ProgressCallback | bool | None = None,
     floor: float = -math.inf,
+    on_all_lines: bool = True,
 ) -> MapEstimate:
     """Find the posterior mode from several starts and its Laplace covariance.
 
@@ -153,6 +155,8 @@ def find_map(
         Called as the search begins, and before each further round of it.
     floor
         Log posterior below which the mode does not matter: the search ends with its first starts if all are lower.
+    on_all_lines
+        Whether modes that were found on some of the lines are climbed on all.
 
     Raises
     ------
@@ -175,11 +179,13 @@ def find_map(
     search.climb({f"known mode {number}": theta for number, theta in enumerate(known, 1)} | further)
     effort = search_further(search, searched, seed, tell) if search.best[1] >= floor else None
     estimate = replace(search.estimate(), effort=effort, iteration=iteration)
-    return estimate if searched is problem else _on_all_lines(problem, estimate)
+    return _on_all_lines(problem, estimate) if on_all_lines and searched is not problem else estimate
 
 
 def _on_all_lines(problem: Problem, estimate: MapEstimate) -> MapEstimate:
-    """The estimate with its modes climbed on all lines of the problem."""
+    """The estimate with its modes climbed on all lines of the problem; itself where it was found on these."""
+    if on_fewer_lines(problem) is problem:
+        return estimate
     climbed = _climbed_again(problem, estimate, [])
     total, count = problem.log_posterior.typical_squares(climbed.theta)
     if estimate.effort is None:
@@ -264,7 +270,8 @@ def sample(
     dimension = len(problem.prior.names)
     settings = settings or (SamplerSettings().for_dimension(dimension) if whole is None else whole.sampler)
     settings.require_dimension(dimension)
-    estimate = find_map(whole or problem, seed=seed, progress=tell)
+    # modes of FRFs need no climb on all lines to be numbered
+    estimate = find_map(whole or problem, seed=seed, progress=tell, on_all_lines=False)
     computed = all(test.data.frfs is not None and test.data.frfs.synthetic for test in problem.tests)
     if premises != "exact":
         answered = answered_problem(problem, whole, estimate, seed)
@@ -280,6 +287,7 @@ def sample(
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
     tell(Progress("preparing the sampling"))
+    estimate = _on_all_lines(problem, estimate)
     return _posterior(*_by_ensembles(_Run(problem, whole, seed, settings, estimate), tell))
 
 
@@ -302,7 +310,7 @@ def answered_case(case: Case | Problem, seed: int, tell: ProgressCallback) -> Pr
     """The problem whose posterior is the answer; where nothing is decided there is no search for the mode."""
     problem, whole = (case, None) if isinstance(case, Problem) else (case.problem, case)
     if is_of_measured_frfs(problem) or any(test.data.modes is not None for test in problem.tests):
-        return answered_problem(problem, whole, find_map(case, seed=seed, progress=tell), seed)
+        return answered_problem(problem, whole, find_map(case, seed=seed, progress=tell, on_all_lines=False), seed)
     return problem
 
 
@@ -312,7 +320,8 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
         return problem
     freed = in_workshop(problem) if case is None else case.workshop_problem
     assumed = assumed_beyond(problem, freed)
-    return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed)
+    checked = partial(_on_all_lines, problem, estimate)
+    return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed, checked=checked)
 
 
 def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:

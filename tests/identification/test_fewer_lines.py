@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import jointbayes as jb
+from jointbayes import workflow
 from jointbayes.case.case import case_from_text
 from jointbayes.identification import on_fewer_lines, resonances, with_lines_in_groups
-from jointbayes.inference import Landing
+from jointbayes.inference import ErrorSizes, Landing
+from jointbayes.progress import tell_nobody
 from tests.conftest import cheap_text, edited
 
 
@@ -66,6 +68,18 @@ def test_the_mode_is_that_of_all_lines(long_frf, monkeypatch):
     assert estimate.effort.squares == pytest.approx(whole.effort.squares, rel=1e-6)
     assert estimate.effort.limit == pytest.approx(whole.effort.limit, rel=1e-12)
     assert estimate.effort.agreeing >= 3
+
+
+@pytest.mark.parametrize(("error", "climbs"), [(0.003, 0), (1e-7, 1)])
+def test_only_a_fit_that_is_checked_is_climbed_on_all_lines(long_frf, monkeypatch, error, climbs):
+    """The modes that measured FRFs show are numbered by what the search on some lines finds."""
+    needing(monkeypatch, 500, 2)
+    measured = long_frf.with_test(data=replace(long_frf.test.data, synthetic=False))
+    climb, found = workflow._climbed_again, []
+    monkeypatch.setattr(workflow, "_climbed_again", lambda *given: found.append(climb(*given)) or found[-1])
+    measured = replace(measured, model_error=ErrorSizes(frequency=error))
+    assert workflow.answered_case(measured, 1, tell_nobody).premises.of_modes == (not climbs)
+    assert len(found) == climbs
 
 
 def test_natural_frequencies_and_other_tests_stay_as_they_are(long_frf, frequency_case, monkeypatch):

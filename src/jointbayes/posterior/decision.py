@@ -148,6 +148,7 @@ def decide(
     sizes: ErrorSizes | None = None,
     freed: Problem | None = None,
     assumed: tuple[str, ...] = (),
+    checked: Callable[[], MapEstimate] | None = None,
 ) -> Problem:
     """Return the problem whose posterior is the answer: of modes, typed in or shown by FRFs, with the model's error.
 
@@ -170,24 +171,25 @@ def decide(
         The same problem with more quantities uncertain, for which the answer is then to allow.
     assumed
         What is uncertain in it without being stated, in words.
+    checked
+        Gives the MAP on all lines of the FRFs, where it comes to the check; by default the `estimate`.
 
     Returns
     -------
     Problem
         `problem` itself, or one of modes whose `premises` say why.
     """
-    sizes = sizes or ErrorSizes()
+    sizes, best = sizes or ErrorSizes(), checked or (lambda: estimate)
     freed = (freed or problem).with_known_modes(problem.prior, estimate.places)
     typed = _with_usual_errors(problem, sizes, freed, assumed)
     of_modes = modes_problem(problem, estimate, seed, sizes, freed if typed is problem else typed)
     if of_modes is None:
         allowed = any(isinstance(test.noise, ModelErrorNoise) for test in typed.tests)
         return _with_common_errors(typed.with_known_modes(problem.prior, estimate.places)) if allowed else typed
-    reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, estimate, seed))
+    reason = why_by_modes(sizes, of_modes.premises.modes, lambda: check_best_fit(problem, best(), seed))
     if not reason:
         return problem
-    of_modes = replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed))
-    return _with_common_errors(of_modes)
+    return _with_common_errors(replace(of_modes, premises=replace(of_modes.premises, reason=reason, assumed=assumed)))
 
 
 def _with_usual_errors(problem: Problem, sizes: ErrorSizes, freed: Problem, assumed: tuple[str, ...]) -> Problem:
