@@ -16,7 +16,7 @@ SRC = ROOT / "src"
 #: Code lines that each room is meant to have, and those that it may have by now. A room above its budget may shrink;
 #: whoever adds to one moves its second figure, and says in the commit what the lines are for.
 ROOMS = {
-    "vibrecords": (6500, 7767),
+    "vibrecords": (6500, 7830),
     "structure": (3300, 3803),
     "joint": (1200, 1419),
     "frf": (2000, 2060),
@@ -27,7 +27,7 @@ ROOMS = {
     "studies": (1700, 1695),
     "case": (4000, 4757),
     "report": (2900, 3440),
-    "cli and what stands alone": (1400, 1850),
+    "cli and what stands alone": (1400, 1854),
 }
 
 

@@ -4,12 +4,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
+import scipy.signal
+from numpy.typing import NDArray
 
-from vibrecords.arrays import Array, Band, ComplexArray, Flags, Indices, Quantity, quantity_factor
+from vibrecords.arrays import Array, Band, ComplexArray, Flags, Indices, Quantity, quantity_factor, stretch_about
 from vibrecords.driven import driven_lines
 from vibrecords.errors import MeasurementError, refusal
 from vibrecords.frf_set import FrfSet
@@ -180,16 +183,74 @@ def _fit_bands(frf: FrfSet, variance: Array | None, band_hz: Band, max_order: in
         noise = np.abs(frf.values[lines].reshape(lines.size, -1)) * np.sqrt(1 / coherence - 1)
         driven = lines[driven_lines(coherence.max(axis=1), np.median(noise, axis=1))]
         lines = driven if driven.size >= _FEWEST_LINES else lines
-    ends = _ends_of_sub_bands(np.abs(frf.values[lines]).reshape(lines.size, -1))
+    joined = _joined_at(frf.frequency_hz[lines], np.abs(frf.values[lines]).reshape(lines.size, -1))
+    ends = _ends_of_sub_bands(np.abs(frf.values[lines]).reshape(lines.size, -1), joined)
     fits = []
     for first, last in pairwise(ends):
         over = (last - first) // _OVERLAP if len(ends) > 2 else 0
         low, high = max(first - over, 0), min(last + over, lines.size)
-        fits.append(_fit_poles(frf, variance, lines[low:high], slice(first - low, last - low), max_order))
+        inside, count = lines[low:high], int(joined[low:high].min())
+        top = np.nextafter(frf.frequency_hz[lines[-1]], np.inf)
+        ends_hz = frf.frequency_hz[lines[first]], frf.frequency_hz[lines[last]] if last < lines.size else top
+        further = max_order if len(ends) == 2 else _FURTHER
+        fits.append(_fit_poles(_Joined.of(frf, variance, inside, count), ends_hz, max_order, further))
     return fits
 
 
-def _ends_of_sub_bands(magnitude: Array) -> list[int]:
+def _joined_at(frequency_hz: Array, magnitude: Array) -> Indices:
+    """How many lines may be joined to one about each, shape (lines,): 1 where lines are few, or no more than needed.
+
+    A mode may be as little damped as the sharpest peak of any FRF, so that its width goes with the frequency.
+    """
+    step, none = np.gradient(frequency_hz), np.ones(len(magnitude), dtype=np.intp)
+    if len(magnitude) <= _MOST_LINES or step.max() > _EVEN * step.min():
+        return none
+    smooth = scipy.ndimage.uniform_filter1d(magnitude, _SMOOTHED, axis=0, mode="nearest")
+    sharpest = np.inf
+    for level in smooth.T:
+        for peak in scipy.signal.find_peaks(np.log(level + np.finfo(float).tiny), prominence=1.0)[0].tolist():
+            first, end = stretch_about(level <= level[peak] / 2, peak)
+            sharpest = min(sharpest, (end - first) * step[peak] / frequency_hz[peak])
+    count = sharpest * frequency_hz / step / _ON_A_PEAK if np.isfinite(sharpest) else none
+    return np.clip(count, 1, len(magnitude) // _MOST_LINES + 1).astype(np.intp)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joined:
+    """FRFs and their variance, if that is stated, at lines joined by `count`, and at every line."""
+
+    frf: FrfSet
+    variance: Array | None
+    every: FrfSet
+    every_variance: Array | None
+    count: int
+
+    @classmethod
+    def of(cls, frf: FrfSet, variance: Array | None, inside: Indices, count: int) -> "_Joined":
+        """Of some lines: the means over so many at a time, without their errors of second order."""
+        noise = None if variance is None else variance[inside]
+        coherence = None if frf.coherence is None else frf.coherence[inside]
+        every = replace(frf, frequency_hz=frf.frequency_hz[inside], values=frf.values[inside], coherence=coherence)
+        if count == 1:
+            return cls(every, noise, every, noise, 1)
+        whole = inside.size // count * count
+
+        def means(values: NDArray[Any]) -> NDArray[Any]:
+            return values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
+
+        mean = means(every.values)
+        few = replace(
+            every,
+            frequency_hz=means(every.frequency_hz)[1:-1],
+            # a mean is off by 1/24 of the second difference of such means
+            values=mean[1:-1] - (mean[2:] - 2 * mean[1:-1] + mean[:-2]) / 24,
+            coherence=None if coherence is None else means(coherence)[1:-1],
+            averages=None if frf.averages is None else round(frf.averages * count / _LOUDER),
+        )
+        return cls(few, None if noise is None else _LOUDER / count * means(noise)[1:-1], every, noise, count)
+
+
+def _ends_of_sub_bands(magnitude: Array, joined: Indices) -> list[int]:
     """Lines at which sub-bands begin, and the end of the last; between two of them the FRFs are smallest.
 
     A fit takes as long as its lines times the modes and what looks like one among them, times the latter again.
@@ -198,33 +259,39 @@ def _ends_of_sub_bands(magnitude: Array) -> list[int]:
     if count <= _MOST_LINES:
         return [0, count]
     level = (magnitude / (np.median(magnitude, axis=0) + np.finfo(float).tiny)).max(axis=1)
-    level = scipy.ndimage.uniform_filter1d(level, 9, mode="nearest")
-    nominal = np.linspace(0, count, -(-count // _SUB_BAND) + 1).round().astype(int)
-    reach = _SUB_BAND // 4
-    return [0, *(n - reach + int(np.argmin(level[n - reach : n + reach])) for n in nominal[1:-1].tolist()), count]
+    level = scipy.ndimage.uniform_filter1d(level, _SMOOTHED, mode="nearest")
+    # lines of a sub-band are joined by as many as serve its lowest: it has more than those of its middle
+    size = _SUB_BAND // 4 if (joined > 1).any() else _SUB_BAND
+    way = np.cumsum(1 / joined)
+    bands = -(-way[-1] // size)
+    nominal = np.interp(np.linspace(0, way[-1], int(bands) + 1)[1:-1], way, np.arange(1, count + 1))
+    ends = [0]
+    for n in nominal.round().astype(int).tolist():
+        reach = size // 4 * int(joined[n])
+        low = max(n - reach, ends[-1] + 1)
+        ends.append(low + int(np.argmin(level[low : n + reach])))
+    return [*ends, count]
 
 
-def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice, max_order: int) -> "_PoleFit":
-    """Modes of some lines, and the problem with the poles that they are; those modes count that are in the core.
+def _fit_poles(lines: _Joined, ends_hz: tuple[float, float], max_order: int, further: int) -> "_PoleFit":
+    """Modes of some lines, and the problem with the poles that they are; those modes count that are between the ends.
 
     Of many FRFs poles are sought in a few, evenly spaced; then the values and weights of all follow, whose residues are
     a linear problem.
     """
-    n_lines = inside.size
-    frequency = frf.frequency_hz[inside]
-    values = frf.values[inside].reshape(n_lines, -1)
-    stated = None if variance is None else variance[inside].reshape(n_lines, -1)
+    frf, variance = lines.frf, lines.variance
+    n_lines, frequency = frf.n_lines, frf.frequency_hz
+    values = frf.values.reshape(n_lines, -1)
+    stated = None if variance is None else variance.reshape(n_lines, -1)
     order = min(max_order, n_lines // 4)
-    further = order if core == slice(0, n_lines) else min(order, _FURTHER)
-    first = 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
+    further = min(order, further)
+    first = _first_weight(values, stated)
     few = _few_of(values.shape)
-    all_frfs = None
     if few.size < values.shape[1]:
-        all_frfs = values, first
         values, first, stated = values[:, few], first[:, few], None if stated is None else stated[:, few]
     problem = ModalProblem(frequency, values, first, frf.quantity)
     poles = steady_poles(polynomial_poles(frequency, values, problem.weight, order), max(4, order // 5))
-    from_coherence = _noise_squares(frf, inside, few)
+    from_coherence = _noise_squares(frf, few)
     if stated is not None:
         poles = problem.search(poles, further)
     else:
@@ -243,15 +310,21 @@ def _fit_poles(frf: FrfSet, variance: Array | None, inside: Indices, core: slice
             problem = ModalProblem(frequency, values, weight, frf.quantity)
             poles = problem.search(poles, further)
     poles = problem.climb(poles, fine=True)
-    incoherence = None if frf.coherence is None else 1 - frf.coherence[inside].reshape(n_lines, -1)[:, few]
+    incoherence = None if frf.coherence is None else 1 - frf.coherence.reshape(n_lines, -1)[:, few]
     squares = None if from_coherence is None else from_coherence[0]
     review = PoleReview(problem, poles, incoherence, squares, frf.averages, told=stated is not None)
     is_mode = review.review()
-    low, high = frequency[core.start], np.append(frequency, np.nextafter(frequency[-1], np.inf))[core.stop]
+    low, high = ends_hz
     is_mode = is_mode & (review.frequency_hz >= low) & (review.frequency_hz < high)
     doubtful = tuple(doubt for doubt in review.doubtful if low <= doubt.frequency_hz < high)
-    moved = np.where(review.leaking, _LEAKAGE * (review.line_step_hz(review.frequency_hz) / review.width_hz) ** 2, 0.0)
-    return _PoleFit(problem, review.poles, is_mode, moved, doubtful, all_frfs, core)
+    lines_wide = lines.count * review.width_hz / review.line_step_hz(review.frequency_hz)
+    moved = np.where(review.leaking, _LEAKAGE / lines_wide**2, 0.0)
+    return _PoleFit(problem, review.poles, is_mode, moved, doubtful, lines, ends_hz)
+
+
+def _first_weight(values: ComplexArray, stated: Array | None) -> Array:
+    """One over the standard deviations that are stated, or assumed."""
+    return 1 / (_UNKNOWN.sd_of_part(np.abs(values)) + np.finfo(float).tiny) if stated is None else stated**-0.5
 
 
 def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: Band) -> Flags:
@@ -271,6 +344,9 @@ def _lines_inside(frf: FrfSet, variance: Array | None, band_hz: Band) -> Flags:
 _MOST_VALUES, _FEWEST_FRFS = 30_000, 6
 #: A band of more lines is fitted in sub-bands of about so many, each with a part of its lines more on either side.
 _MOST_LINES, _SUB_BAND, _OVERLAP = 3201, 1200, 8
+#: Of many more lines, spaced evenly to within this factor, those are joined that leave so many above half of the height
+#: of the sharpest peak, which is looked for after a mean over some; what takes its error from a mean adds to its noise.
+_EVEN, _ON_A_PEAK, _SMOOTHED, _LOUDER = 1.01, 24, 9, (13 / 12) ** 2 + 2 / 24**2
 #: Order of the models by which further modes of a sub-band are sought.
 _FURTHER = 24
 #: Below this many lines there is nothing to fit: fourteen numbers for the rest and four for one mode need more values.
@@ -291,14 +367,14 @@ def _few_of(shape: tuple[int, ...]) -> Indices:
     return np.linspace(0, frfs - 1, min(frfs, max(_FEWEST_FRFS, _MOST_VALUES // lines))).round().astype(np.intp)
 
 
-def _noise_squares(frf: FrfSet, inside: Indices, few: Indices) -> tuple[Array, int] | None:
+def _noise_squares(frf: FrfSet, few: Indices) -> tuple[Array, int] | None:
     """σ² as coherence and averages estimate it line by line, and how many lines hold 40 degrees of freedom.
 
     None where they do not tell. At one line σ² has 2(n − 1) degrees of freedom: weights as uncertain as that would
     spoil the fit.
     """
     try:
-        square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values))[inside].reshape(inside.size, -1)
+        square = np.maximum(coherence_variance(frf), _LEAST.variance(frf.values)).reshape(frf.n_lines, -1)
     except MeasurementError:
         return None
     assert frf.averages is not None
@@ -350,10 +426,10 @@ def _modes_of(fits: list["_PoleFit"]) -> tuple[tuple[MeasuredMode, ...], Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PoleFit:
-    """Poles of least squares and which of them are modes; values and weights of all FRFs where some were left out.
+    """Poles of least squares and which of them are modes.
 
-    Leakage may have moved each pole by `moved` times its distance from the imaginary axis. The core is the lines that
-    the fit answers for: the others are of the next sub-bands.
+    Leakage may have moved each pole by `moved` times its distance from the imaginary axis. Between the ends the fit
+    answers for the lines: the others are of the next sub-bands.
     """
 
     problem: ModalProblem
@@ -361,25 +437,33 @@ class _PoleFit:
     is_mode: Flags
     moved: Array
     doubtful: tuple[DoubtfulMode, ...]
-    all_frfs: tuple[ComplexArray, Array] | None
-    core: slice
+    lines: _Joined
+    ends_hz: tuple[float, float]
+
+    def _core(self, frequency_hz: Array) -> Flags:
+        return (frequency_hz >= self.ends_hz[0]) & (frequency_hz < self.ends_hz[1])
 
     def in_core(self) -> tuple[Array, ComplexArray, Array, ComplexArray]:
         """Lines in Hz, values, weights and the model of the core."""
-        problem, core = self.problem, self.core
-        lines = problem.omega[core] / (2 * np.pi)
-        return lines, problem.values[core], problem.weight[core], problem.model(self.poles)[core]
+        problem, lines = self.problem, self.problem.omega / (2 * np.pi)
+        core = self._core(lines)
+        return lines[core], problem.values[core], problem.weight[core], problem.model(self.poles)[core]
 
     def all_values(self, quantity: Quantity) -> tuple[float, int, ComplexArray]:
-        """χ², its degrees of freedom and the model of all FRFs in the core, shape (lines, frfs)."""
-        chi2, freedom, values = 0.0, 0, []
-        every, count = self.all_frfs or (self.problem.values, self.problem.weight), self.problem.values.shape[1]
-        for first in range(0, every[0].shape[1], count):  # as many at once as poles were sought in
+        """χ², its degrees of freedom and the model of all FRFs at all lines of the core, shape (lines, frfs)."""
+        chi2, freedom, models = 0.0, 0, []
+        frf, variance, count = self.lines.every, self.lines.every_variance, self.problem.values.shape[1]
+        values = frf.values.reshape(frf.n_lines, -1)
+        if values.shape == self.problem.values.shape:
+            weight = self.problem.weight
+        else:
+            weight = _first_weight(values, None if variance is None else variance.reshape(values.shape))
+        for first in range(0, values.shape[1], count):  # as many at once as poles were sought in
             some = slice(first, first + count)
-            few = ModalProblem(self.problem.omega / (2 * np.pi), every[0][:, some], every[1][:, some], quantity)
+            few = ModalProblem(frf.frequency_hz, values[:, some], weight[:, some], quantity)
             chi2, freedom = chi2 + few.chi2(self.poles), freedom + few.freedom(self.poles.size)
-            values.append(few.model(self.poles))
-        return chi2, freedom, np.hstack(values)[self.core]
+            models.append(few.model(self.poles))
+        return chi2, freedom, np.hstack(models)[self._core(frf.frequency_hz)]
 
     def modes(self) -> tuple[tuple[MeasuredMode, ...], Array]:
         """Modes, and the covariance of their frequencies in Hz and then their damping ratios."""

@@ -265,3 +265,26 @@ def test_zeros_of_many_lines_are_those_of_a_drive_point():
     ).values()
     # of equal residues of the accelerance: the root of the mean of both squares
     assert [mode.frequency_hz for mode in fit.modes] == [pytest.approx(np.sqrt((80**2 + 300**2) / 2), rel=1e-3)]
+
+
+def test_lines_are_joined_where_a_resonance_has_far_more_than_show_its_shape(monkeypatch):
+    """Sub-bands of 1200 lines would be narrower than the third mode."""
+    sizes = []
+
+    def counted(frequency_hz, *rest):
+        sizes.append(frequency_hz.size)
+        return polynomial_poles(frequency_hz, *rest)
+
+    monkeypatch.setattr("vibrecords.modal_fit.polynomial_poles", counted)
+    lines, frequency, damping = np.linspace(20.0, 2500.0, 40_001), np.array([121.5, 752.4, 2063.7]), 0.03 * np.ones(3)
+    omega = lines[:, None]
+    modal = -(omega**2) / (frequency**2 - omega**2 + 2j * damping * frequency * omega)
+    exact = (modal * [1.0, 0.8, 1.2]).sum(axis=1)[:, None, None]
+    variance, rng = RelativeNoise(0.02, 0.01).variance(exact), np.random.default_rng(1)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    fit = fit_modes(FrfSet(lines, exact + noise, ("1:y",), ("1:y",), "accelerance"), variance)
+    assert sum(sizes) < 8000
+    assert np.abs(scores(fit.modes, frequency, damping)).max() < 4
+    assert max(mode.frequency_sd_hz / mode.frequency_hz for mode in fit.modes) < 2e-4
+    assert np.abs(fit.values - exact).max() < 0.01 * np.abs(exact).max()
+    assert fit.misfit == pytest.approx(1, abs=0.05)
