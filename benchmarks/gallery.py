@@ -1,9 +1,11 @@
-"""Published stiffnesses and our intervals, the figure of docs/trust.md, which `benchmarks.numbers` draws."""
+"""Published stiffnesses and our intervals, the figure of docs/trust.md, and pictures of reports for docs/gallery.md."""
 
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import jointbayes as jb
 from benchmarks.example_figures import light
@@ -23,6 +25,7 @@ CASES = (
     "eighteen_storeys",
 )
 FIGURE = ROOT / "docs" / "figures" / "published.svg"
+PICTURES = ROOT / "docs" / "figures" / "gallery"
 _KNOWN = 0.1  # standard deviation of ln k along a direction that counts as known
 _BLUE, _ORANGE, _GREEN = SERIES_COLOURS[:3]
 
@@ -36,6 +39,15 @@ def known_directions(posterior: Path) -> dict[str, Any]:
 
 #: What is kept of the draws of a case beside what is kept of all.
 KEPT = {"eighteen_storeys": known_directions}
+
+
+def keep_page_one(name: str, report: Path) -> None:
+    """Keep page one of a report, as docs/gallery.md shows it, of a case that has its picture there; by pdftoppm."""
+    picture = PICTURES / f"{name}.png"
+    if picture.exists():
+        page = ["pdftoppm", "-r", "92", "-f", "1", "-singlefile", "-png", str(report), str(picture.with_suffix(""))]
+        subprocess.run(page, check=True)
+        Image.open(picture).quantize(128, Image.Quantize.FASTOCTREE).save(picture, optimize=True)
 
 
 def drawn(record: Record) -> str:

@@ -102,6 +102,7 @@ def run_case(name: str, path: Path) -> dict[str, Any]:
         summary = json.loads((left / "summary.json").read_text(encoding="utf-8"))
         more = example_figures.keep(name, left / "posterior.nc") if name in example_figures.examples() else {}
         more |= gallery.KEPT[name](left / "posterior.nc") if name in gallery.KEPT else {}
+        gallery.keep_page_one(name, left / "report.pdf")
         checked = command(Path(folder), "check", str(path)) if "check" in claims(path) else None
     known, known_truth = summary["identifiability"] or {}, truth(path)
     parameters = summary["parameters"]
@@ -180,6 +181,7 @@ def run_compare() -> dict[str, Any]:
     files = [str(CONFIGS / f"{name}.toml") for name in COMPARED]
     with tempfile.TemporaryDirectory() as folder:
         status, _ = command(Path(folder), "compare", *files, "--out", "compared")
+        gallery.keep_page_one("comparison", Path(folder) / "compared" / "report.pdf")
         found = json.loads((Path(folder) / "compared" / "compare.json").read_text(encoding="utf-8"))
     kept = ("hypothesis", "case", "log_z", "log_z_error", "method", "two_log_b", "words", "at_prior_edge")
     rows = sorted(found["candidates"], key=lambda c: -c["log_z"])

@@ -130,16 +130,14 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
         # a bar of a round length, about a fifth of the structure's
         power = 10.0 ** np.floor(np.log10(size / 5))
         length = power * max(step for step in (1, 2, 5) if step * power <= size / 5)
-        x, y = drawing.low + 0.02 * size
+        x, y = drawing.low + np.array([0.2, 0.02]) * size  # not below the name of a joint at the left end
         axes.plot([x, x + length], [y, y], color=_GREY, lw=2, solid_capstyle="butt")
-        # its length above it, or next to it where there is ground above
-        aside = any(out[1] for mark in drawing.marks for out in mark.ground)
-        where: dict[str, Any] = {"xytext": (4, 0), "ha": "left"} if aside else {"xytext": (0, 9)}
-        axes.annotate(f"{1e3 * length:g} mm", (x + length / (1 if aside else 2), y), **(_style(_GREY) | where))
+        axes.annotate(f"{1e3 * length:g} mm", (x + length, y), xytext=(4, 0), **(_style(_GREY) | {"ha": "left"}))
     # Move each label that lies on an earlier one, or on a wall, to the first place around its point that is free
     axes.apply_aspect()
     points, taken = 72 / axes.figure.dpi, []  # middle and half size of each wall and label, points
-    for place, out in ((mark.place, out) for mark in drawing.marks for out in mark.ground):
+    low, high = np.array([axes.bbox.y0, axes.bbox.y1]) * points
+    for place, out in ((mark.place, out) for mark in drawing.marks for out in mark.ground if out[1]):
         ends = [place + 0.08 * size * (far * out + side * out[::-1]) for far in (0.9, 1.2) for side in (-1, 1)]
         box = axes.transData.transform(np.array(ends)) * points
         taken.append((box.mean(axis=0), np.ptp(box, axis=0) / 2))
@@ -151,9 +149,10 @@ def _draw_test(axes: Axes, drawing: _Drawing) -> None:
             taken.append((at, half))
             continue
         x, y = label.xyann
-        for offset in ((x, y), *((x, y + step) for step in (10, 20, -10, -20, 30)), (-x, -y)):
+        for offset in ((x, y), *((x, y + step) for step in (10, 20, -10, -20, 30, -30)), (-x, -y)):
             middle = at + offset + [aside, 0.0]
-            if all((np.abs(middle - other) >= half + size).any() for other, size in taken):
+            inside = low <= middle[1] <= high - half[1]
+            if inside and all((np.abs(middle - other) >= half + size).any() for other, size in taken):
                 label.xyann = offset
                 break
         else:
