@@ -38,6 +38,7 @@ _HIGH = 25.0  # below the best in log density: what ended lower is not where the
 _ROUNDS, _DRAWS = 7, 2000  # in which an origin's kernels are adapted
 _UNCHANGED = 2  # last rounds, after which no kernel is added
 _ADDED = 150  # kernels in a round
+_OF_ADDED = 0.3  # largest share of what is proposed that goes to added kernels
 _MISSED = 1.0  # ln of an importance weight over their mean: draws above it are rarely proposed
 _KEPT = 0.1  # of all that is proposed goes to all kernels alike
 _WIDE = 0.15  # prior standard deviations: along wider axes a sheet is followed
@@ -118,7 +119,7 @@ def draws_from_two_origins(
        or the probability beyond each by `ENOUGH` draws; or until the weights say that too many more would be needed.
     4. An origin has found a draw that one of its kernels is close to, see `Kernels.covers`. Where more than `ALONE` of
        the density was found by one origin only, both climb from twice as many further points; where nothing is missing
-       and the ends are not known, kernels are added at draws that are rarely proposed. All is then done once more.
+       and the ends are not known, kernels are added at draws that are rarely proposed.
 
     No draw says anything of a part that neither origin came down on.
 
@@ -151,21 +152,24 @@ def draws_from_two_origins(
     """
     density, begun = Checked(ground.log_density), ground.evaluations
     is_spent = (budget or Budget()).watch(lambda: ground.evaluations)
-    places, found, climbs = [modes, modes[:0]], None, _LANDED
+    ends, found, climbs, origins = [modes, modes[:0]], None, _LANDED, list[Kernels]()
     for _ in range(_TRIALS):
         # 1. climb down from all of the prior
-        landings = [ground.land(climbs, rng) for _ in places] if climbs else []
-        heights = [float(value.max()) for _, value in landings if value.size] + density(modes).tolist()
-        if landings:
-            landed = [theta[value > max(heights, default=0.0) - _HIGH] for theta, value in landings]
-            places = [np.concatenate(pair) for pair in zip(places, landed, strict=True)]
+        if climbs:
+            landings = [ground.land(climbs, rng) for _ in ends]
+            highest = max(
+                [float(value.max()) for _, value in landings if value.size] + density(modes).tolist(), default=0
+            )
+            landed = [theta[value > highest - _HIGH] for theta, value in landings]
+            ends = places = [np.concatenate(pair) for pair in zip(ends, landed, strict=True)]
         climbs = 2 * max(climbs, _LANDED)
         if is_spent():
             break
-        if not all(map(len, places)):
+        if not all(map(len, ends)):
             continue
         # 2. adapt the kernels of each origin by draws of its own
-        origins = [_adapted(density, ground, points, rng) for points in places]
+        before: list[Kernels | None] = [*origins] or [None] * len(places)
+        origins = [_adapted(density, ground, *pair, rng) for pair in zip(places, before, strict=True)]
         if is_spent():
             break
         # 3. draws of both, weighted as from both together, until the ends are known
@@ -191,6 +195,7 @@ def draws_from_two_origins(
             if known or is_spent() or (batch >= _FEW and needed > _BATCHES):
                 break
         if not log_weight.size:
+            origins = []
             continue
         # 4. what only one of them has found
         handed = theta[resampled(weight, _HANDED_OUT, rng)[rng.permutation(_HANDED_OUT)]]
@@ -206,7 +211,9 @@ def draws_from_two_origins(
         if alone <= ALONE:  # nothing is missing, but some places are rarely proposed
             climbs, missed = 0, np.flatnonzero(log_weight > log_z + _MISSED)
             more = drawn_without_replacement(log_weight[missed], 2 * _ADDED, rng)
-            places = [np.concatenate(pair) for pair in zip(places, np.array_split(theta[missed[more]], 2), strict=True)]
+            places = np.array_split(theta[missed[more]], 2)
+        else:
+            origins = []
     return found if found is not None and found.effective >= _USELESS else None
 
 
@@ -310,11 +317,17 @@ def _distinct(ground: Ground, points: Array) -> tuple[Array, int]:
     return points, min(wide, _MOST_BENT, ground.sd.size - 1)
 
 
-def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.Generator) -> Kernels:
-    """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws."""
+def _adapted(
+    density: LogDensity, ground: Ground, points: Array, known: Kernels | None, rng: np.random.Generator
+) -> Kernels:
+    """Kernels about points where the density is, shape (n, d), with weights and further ones by rounds of draws.
+
+    Next to kernels that are known already these are all, and the last rounds weigh them.
+    """
     from scipy.spatial import cKDTree  # settings of a sampler are read without scipy
 
     sd, (points, bent) = ground.sd, _distinct(ground, points)
+    bent = bent if known is None else known.bend.shape[1]
     neighbours = 2**bent + 2
 
     def about(chosen: Array, all_of_them: Array) -> Kernels:
@@ -325,8 +338,12 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
         reach = np.clip(distance, _NEAREST, _FARTHEST)
         return Kernels(chosen, *ground.shapes(chosen, reach, bent), np.ones(len(chosen)))
 
-    kernels = about(points, points)
-    for number in range(1, _ROUNDS + 1):
+    if known is None:
+        kernels, begin = about(points, points), 1
+    else:
+        added = about(points, np.concatenate([known.places, points]))
+        kernels, begin = known.joined(added, _OF_ADDED), _ROUNDS - _UNCHANGED + 1
+    for number in range(begin, _ROUNDS + 1):
         theta = kernels.draw(rng, _DRAWS)
         value = density(theta)
         theta, value = theta[np.isfinite(value)], value[np.isfinite(value)]
@@ -344,7 +361,7 @@ def _adapted(density: LogDensity, ground: Ground, points: Array, rng: np.random.
         if number <= _ROUNDS - _UNCHANGED and missed.size > 1:
             chosen = theta[missed[drawn_without_replacement(log_weight[missed], _ADDED, rng)]]
             added = about(chosen, np.concatenate([kernels.places, chosen]))
-            kernels = kernels.joined(added, min(0.3, float(weight[missed].sum())))
+            kernels = kernels.joined(added, min(_OF_ADDED, float(weight[missed].sum())))
     return kernels
 
 
