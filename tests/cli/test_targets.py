@@ -2,13 +2,16 @@
 
 import os
 import shutil
+import unittest.mock
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from jointbayes.errors import WriteError
 from jointbayes.posterior import Posterior
+from jointbayes.posterior.verdicts import line_of
 from tests.conftest import cheap_text, cli, edited, without_stages
 from vibrecords import FrfSet
 from vibrecords.formats import write_frf
@@ -201,3 +204,13 @@ def test_a_file_that_appears_while_a_run_is_made_stays(user, monkeypatch, cheap_
     monkeypatch.setattr("jointbayes.workflow.sample", sampled)
     result = cli("sample", "clamp.toml", "--out", "new.nc")
     assert (result.exit_code, Path("new.nc").read_text(encoding="utf-8")) == (2, "mine")
+
+
+def test_a_run_gives_its_answer_before_it_writes_anything(user, monkeypatch, cheap_posterior):
+    monkeypatch.setattr("jointbayes.workflow.sample", lambda *_arguments, **_options: cheap_posterior)
+    failing = unittest.mock.Mock(side_effect=WriteError("reports: disk full"))
+    monkeypatch.setattr("jointbayes.report.run_directory.write_run", failing)
+    result = cli("run", "clamp.toml", "--out", "new")
+    assert result.exit_code == 2
+    answer = [line_of(name, cheap_posterior.verdict(name)) for name in cheap_posterior.stiffness_names]
+    assert result.stdout.splitlines()[: 1 + len(answer)] == [cheap_posterior.record.state, *answer]

@@ -181,23 +181,27 @@ def draw(case: "Case", seed: int | None, take_as: "TakenAs | None" = None) -> "P
         return draw(case, seed=seed, progress=progress, premises=take_as)
 
 
-def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
-    """Print convergence, verdicts, and what may be wrong with them."""
+def print_answer(posterior: "Posterior") -> None:
+    """Print whether the run has converged, and a line a stiffness."""
     from jointbayes.posterior.identifiability import LIMIT_NOTE
-    from jointbayes.posterior.knowledge import assumptions_of
-    from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of
-    from jointbayes.posterior.verdicts import line_of, reason_lines, solution_sentences
+    from jointbayes.posterior.verdicts import line_of, reason_lines
 
-    limited = False
     say(posterior.record.state)
-    for name in posterior.stiffness_names:
-        verdict = posterior.verdict(name)
+    verdicts = {name: posterior.verdict(name) for name in posterior.stiffness_names}
+    for name, verdict in verdicts.items():
         say(line_of(name, verdict))
-        limited |= math.isfinite(verdict.limit)
         for line in reason_lines(verdict) if manner().verbose else ():
             say(f"    {line}")
-    if limited:
+    if any(math.isfinite(verdict.limit) for verdict in verdicts.values()):
         say(LIMIT_NOTE)
+
+
+def print_caveats(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
+    """Print what may be wrong with the answer."""
+    from jointbayes.posterior.knowledge import assumptions_of
+    from jointbayes.posterior.model_errors import measured_bodies_of, mesh_of
+    from jointbayes.posterior.verdicts import solution_sentences
+
     bounds = knowledge.bounds_sentences if knowledge else ()
     say(*assumptions_of(posterior), *bounds, *solution_sentences(posterior))
     if posterior.estimate.sentence:

@@ -46,8 +46,9 @@ def run(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs | No
     posterior = common.draw(case, seed, take_as)
     inputs = ReportInputs(posterior)
     with draws_kept(posterior, target):
+        common.print_answer(posterior)  # what takes most of the time from here on changes none of it
         manner().written = write_run(posterior, target, show_stage, inputs)
-    common.print_summary(posterior, inputs.knowledge)
+    common.print_caveats(posterior, inputs.knowledge)
     for check, diagnosis in zip(checks_of(posterior), diagnoses_of(posterior), strict=True):
         if check.finding != "explained" or check is posterior.check:
             say(check.sentence)
@@ -135,7 +136,8 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
     require_free(target, "--out", posterior=True)  # once more: hours may have passed
     save_draws(posterior, target)
     manner().written = target
-    common.print_summary(posterior)
+    common.print_answer(posterior)
+    common.print_caveats(posterior)
     if manner().json:
         manner().result |= {**posterior.summary().to_dict(), "draws": str(target)}
     say(f"Draws: {target}")
