@@ -72,6 +72,7 @@ science: $(VENV)/.stamp-test $(VENV)/.stamp-bench  ## the tests marked science, 
 	$(BIN)/python -m tests.science.calibration joint
 	$(BIN)/python -m tests.science.calibration nuisances
 	$(BIN)/python -m tests.science.calibration "noise scale"
+	$(BIN)/python -m tests.science.calibration "ten kinds" --count 20
 	$(BIN)/python -m benchmarks.limits_hold
 	$(BIN)/python -m benchmarks.free_bar
 	$(BIN)/python -m benchmarks.solid

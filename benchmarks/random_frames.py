@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import jointbayes as jb
-from benchmarks.exact_beam import rectangle
+from benchmarks.exact_beam import CrossSection, rectangle
 from benchmarks.study import Row, Study
 from jointbayes.identification import refine
 from vibrecords import FrfData, FrfSet
@@ -46,6 +46,29 @@ class Spring:
     direction: str
     dof: str
     against: str = ""
+
+
+def member(squared: Array, vector: Array, section: CrossSection, e: complex, density: float) -> Complex:
+    """Dynamic stiffness of a member in global axes, shape (lines, 6, 6), from its transfer matrix at each ω²."""
+    shear = section.shear_coefficient * e / (2 * (1 + POISSONS_RATIO)) * section.area
+    length = float(np.hypot(*vector))
+    # motions u, v, θ and forces N, Q, M along the member: y' = A y
+    a = np.zeros((squared.size, 6, 6), dtype=complex)
+    a[:, 0, 3], a[:, 1, 2], a[:, 1, 4], a[:, 2, 5] = 1 / (e * section.area), 1, 1 / shear, 1 / (e * section.inertia)
+    a[:, 3, 0] = a[:, 4, 1] = -squared * density * section.area
+    a[:, 5, 2], a[:, 5, 4] = -squared * density * section.inertia, -1
+    scale = np.array([1, 1, 1 / length, 1e8, 1e8, 1e8 * length])  # so that rounding is alike in all six
+    transfer = expm(a * length * (scale / scale[:, None]))
+    motions, forces = slice(0, 3), slice(3, 6)
+    flexible = np.linalg.inv(transfer[:, motions, forces])
+    first = np.concatenate([-flexible @ transfer[:, motions, motions], flexible], axis=2)
+    last = transfer[:, forces, forces] @ first
+    last[:, :, :3] += transfer[:, forces, motions]
+    local = np.concatenate([-first, last], axis=1)
+    local = local * np.tile(scale[3:], 2)[:, None] / np.tile(scale[:3], 2)
+    c, s = vector / length
+    turn = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
+    return turn.T @ local @ turn
 
 
 class Frame:
@@ -104,29 +127,9 @@ class Frame:
         return 3 * names.index(point) + _PER_POINT.index(direction)
 
     def _member(self, omega: Array, start: str, end: str) -> Complex:
-        """Dynamic stiffness of a member in global axes, shape (lines, 6, 6), from its transfer matrix."""
         section = rectangle(self.width, self.depth, POISSONS_RATIO)
-        e = YOUNGS_MODULUS * (1 + 1j * LOSS_FACTOR)
-        shear = section.shear_coefficient * e / (2 * (1 + POISSONS_RATIO)) * section.area
         vector = np.subtract(self.points[end], self.points[start])
-        length = float(np.hypot(*vector))
-        # motions u, v, θ and forces N, Q, M along the member: y' = A y
-        a = np.zeros((omega.size, 6, 6), dtype=complex)
-        a[:, 0, 3], a[:, 1, 2], a[:, 1, 4], a[:, 2, 5] = 1 / (e * section.area), 1, 1 / shear, 1 / (e * section.inertia)
-        a[:, 3, 0] = a[:, 4, 1] = -(omega**2) * DENSITY * section.area
-        a[:, 5, 2], a[:, 5, 4] = -(omega**2) * DENSITY * section.inertia, -1
-        scale = np.array([1, 1, 1 / length, 1e8, 1e8, 1e8 * length])  # so that rounding is alike in all six
-        transfer = expm(a * length * (scale / scale[:, None]))
-        motions, forces = slice(0, 3), slice(3, 6)
-        flexible = np.linalg.inv(transfer[:, motions, forces])
-        first = np.concatenate([-flexible @ transfer[:, motions, motions], flexible], axis=2)
-        last = transfer[:, forces, forces] @ first
-        last[:, :, :3] += transfer[:, forces, motions]
-        local = np.concatenate([-first, last], axis=1)
-        local = local * np.tile(scale[3:], 2)[:, None] / np.tile(scale[:3], 2)
-        c, s = vector / length
-        turn = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
-        return turn.T @ local @ turn
+        return member(omega**2, vector, section, YOUNGS_MODULUS * (1 + 1j * LOSS_FACTOR), DENSITY)
 
     def case(self) -> jb.Case:
         """The case that a user would write, with computed data in the place of the exact ones."""

@@ -1,4 +1,4 @@
-"""Simulation-based calibration of our own problems: `python -m tests.science.calibration joint --count 500`.
+"""Simulation-based calibration of our own problems: `python -m tests.science.calibration "ten kinds" --count 20`.
 
 1. Draw a truth from the prior, and data from the likelihood at the truth.
 2. Sample the posterior of these data as a run does.
@@ -18,8 +18,9 @@ from scipy import stats
 from jointbayes.posterior.prediction import simulate_at
 from jointbayes.sampling import SamplerSettings
 from jointbayes.workflow import sample
-from tests.science.calibration_data import VARIANTS, case_of
+from tests.science.calibration_data import SMALL, VARIANTS, case_of
 
+KINDS = "ten kinds"  # all of them in turn, pooled
 PICKED = 63  # draws among which a truth is ranked: far fewer than the effective ones
 BINS = 8
 
@@ -101,18 +102,29 @@ def calibrated(problem, count, *, source=None, seed=1, tell=lambda _i, _seconds:
     return Calibration((*problem.names, "log density"), np.array(ranks), np.array(held), converged)
 
 
+def pooled(found):
+    """Calibrations of several problems as one, of what all have: the first two stiffnesses and the log density."""
+    ranks, held = (np.concatenate([getattr(one, what)[:, [0, 1, -1]] for one in found]) for what in ("ranks", "held"))
+    return Calibration(("first", "second", "log density"), ranks, held, sum(one.converged for one in found))
+
+
 def main():
-    """Calibrate the main case with ever more that is uncertain, and print the row of docs/trust.md."""
+    """Calibrate one kind of problem, or ten kinds together, and print the row of docs/trust.md."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("variant", choices=list(VARIANTS))
-    parser.add_argument("--count", type=int, default=500, help="data sets; default 500")
+    parser.add_argument("variant", choices=[*VARIANTS, *SMALL, KINDS])
+    parser.add_argument("--count", type=int, default=500, help="data sets of a kind; default 500")
     chosen = parser.parse_args()
 
     def tell(n, seconds):
         if n % 10 == 0:
             print(f"{n} of {chosen.count}, {seconds:.1f} s each", flush=True)
 
-    print(calibrated(case_of(chosen.variant).problem, chosen.count, tell=tell).row(chosen.variant))
+    found = []
+    for kind in (*VARIANTS, *SMALL) if chosen.variant == KINDS else (chosen.variant,):
+        found.append(calibrated(case_of(kind).problem, chosen.count, tell=tell))
+        print(found[-1].row(kind), flush=True)
+    if chosen.variant == KINDS:
+        print(pooled(found).row(KINDS))
 
 
 if __name__ == "__main__":

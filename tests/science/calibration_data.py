@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jointbayes as jb
 from tests.case.refusal_rows import parts_named
+from tests.studies.calibration_cases import FREQUENCIES, TEXT
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = ROOT / "configs" / "clamped_beam.toml"
@@ -26,10 +27,24 @@ _SCALE = parts_named("rooms")["science/calibration_data scale"]
 #: What each variant adds to the case with an uncertain joint and nothing else.
 VARIANTS = {"joint": "", "nuisances": _BEAM, "noise scale": _SCALE, "all": _BEAM + _SCALE}
 
+_WORKSHOP = _BEAM.partition("[uncertain.damping_ratio]")[0]
+_RHO = '[prior.rho]\ndistribution = "uniform"\nlow = -0.95\nhigh = 0.95\n'
+#: Further kinds, each a case by itself: a beam of few lines, of which an analysis takes a second.
+SMALL = {
+    "length and gain": TEXT + "[uncertain]\nlength.sd_percent = 0.5\ngain.sd_percent = 5.0\n",
+    "Student-t of inferred scale": TEXT + '[noise]\ndistribution = "student_t"\nscale = "sampled"\n',
+    "k12 of either sign": re.sub(r"\[prior\.k12\][^\[]*", _RHO, 'joint.parametrisation = "signed"\n' + TEXT),
+    "two lengths": TEXT + "[tests.long]\n[tests.short]\nstructure.length_mm = 250.0\n",
+    "natural frequencies": FREQUENCIES + _WORKSHOP,
+    "and errors of the model": FREQUENCIES.replace("0.02", "0.001") + _WORKSHOP + "[uncertain.model_error]\n",
+}
+
 
 @cache
 def case_of(variant: str) -> jb.Case:
     """The case of a variant, with the data of the nominal joint and beam."""
+    if variant in SMALL:
+        return jb.case_from_text(f"calibration {variant}", SMALL[variant])
     text = BASE.read_text(encoding="utf-8")
     for key, value in _KEYS.items():
         text, count = re.subn(rf"(?m)^{key} = [^\n,#]*[^\s,#]", f"{key} = {value}", text)
