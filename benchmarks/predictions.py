@@ -48,6 +48,7 @@ USUAL = {
 TESTED, OTHER, RATIO = 0.383, 0.300, 0.01
 LINES = np.arange(20.0, 2500.0, 10.0)
 COUNT, MODES, MODEL_ERROR = 5, 3, 0.003
+OF_SOLID = 8  # frequencies for six springs, a modulus and a density
 #: Standard deviations of modulus, density and each length, as fractions.
 OFF = {"youngs_modulus": 0.02, "density": 0.01, "length": 0.003}
 NOISE, FLOOR = 0.03, 0.01
@@ -163,7 +164,8 @@ def usual_pair(kind: str, index: int) -> Row:
     (tested, _), (omega, shape) = (
         (omega * _padded(1 + e, omega), s) for (omega, s), e in zip(modes, errors, strict=True)
     )
-    hz = tested[:COUNT] / (2 * np.pi) * (1 + 0.0002 * rng.standard_normal(COUNT))
+    count = OF_SOLID if kind == "solids" else COUNT
+    hz = tested[:count] / (2 * np.pi) * (1 + 0.0002 * rng.standard_normal(count))
     posterior = jb.sample(problem_of(hz), seed=index, settings=SETTINGS)
     w = 2 * np.pi * LINES[:, None]
     truth = (shape**2 / (omega**2 - w**2 + 2j * RATIO * omega * w)).sum(axis=1)

@@ -92,11 +92,12 @@ class Study:
 
     def section(self, results: Mapping[str, Row]) -> str:
         """What stands on the page."""
-        where = next(iter(results.values()))["environment"]
+        where = [data["environment"] for data in results.values()]
+        places = "; ".join(dict.fromkeys(f"{one['date']}, {one['cpu']}, Python {one['python']}" for one in where))
         each = [data["seconds"] for data in results.values() if "seconds" in data]
         seconds = ", ".join(f"{one:.1f}" for one in each)
         seconds = seconds if len(each) < _MANY else f"{min(each):.1f} to {max(each):.1f}"
-        place = f"{where['date']}, {where['cpu']}, Python {where['python']}, one core; {seconds} s of CPU a data set."
+        place = f"{places}, one core; {seconds} s of CPU a data set."
         return "\n".join([*self.tables(results), "", place])
 
     def write(self, results: Mapping[str, Row]) -> None:
