@@ -64,7 +64,7 @@ def test_figures_of_several_axes_are_drawn_onto_as_many(cheap_posterior):
     history = cheap_posterior.estimate.iteration
     norm, *each = jb.plot_iteration(history, axes=Canvas().subplots(1, 4))
     assert_array_equal(norm.lines[0].get_ydata(), history.residual_norm)
-    assert [axes.get_title() for axes in each] == ["k11 (N/m)", "k12 (N)", "k22 (N·m/rad)"]
+    assert [axes.get_title(loc="right") for axes in each] == ["k11 (N/m)", "k12 (N)", "k22 (N·m/rad)"]
     assert jb.plot_corner(cheap_posterior, fig=(canvas := Canvas())) is canvas
     assert len(canvas.axes) == len(names) * (len(names) + 1) / 2  # those above the diagonal are gone
     assert pyplot.get_fignums() == []

@@ -210,6 +210,12 @@ def print_caveats(posterior: "Posterior", knowledge: "Knowledge | None" = None) 
         say(*(() if errors_of is None or errors_of.within else errors_of.sentences))
 
 
+def print_summary(posterior: "Posterior", knowledge: "Knowledge | None" = None) -> None:
+    """Print the answer and its caveats."""
+    print_answer(posterior)
+    print_caveats(posterior, knowledge)
+
+
 def exit_by_convergence(posterior: "Posterior") -> None:
     """End with the exit code of a run that has not converged, where it has not."""
     if not posterior.converged:

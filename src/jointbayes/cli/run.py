@@ -136,8 +136,7 @@ def sample(config: Path, out: Path | None, seed: int | None, take_as: "TakenAs |
     require_free(target, "--out", posterior=True)  # once more: hours may have passed
     save_draws(posterior, target)
     manner().written = target
-    common.print_answer(posterior)
-    common.print_caveats(posterior)
+    common.print_summary(posterior)
     if manner().json:
         manner().result |= {**posterior.summary().to_dict(), "draws": str(target)}
     say(f"Draws: {target}")
