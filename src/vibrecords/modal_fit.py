@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
-import scipy.signal
 from numpy.typing import NDArray
 
 from vibrecords.arrays import Array, Band, ComplexArray, Flags, Indices, Quantity, quantity_factor, stretch_about
