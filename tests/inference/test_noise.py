@@ -13,7 +13,8 @@ import jointbayes as jb
 from jointbayes.inference import GaussianNoise, IntegratedScale, ProportionalNoise, ScaledNoise
 from jointbayes.inference.likelihood_base import ComplexResidual
 from jointbayes.inference.noise.proportional import RANGE
-from jointbayes.posterior.evidence import evidence_about_modes
+from jointbayes.posterior.coordinates import draw_problem
+from jointbayes.posterior.evidence import evidence
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited
 from vibrecords import FrfData, FrfSet
@@ -218,12 +219,14 @@ def test_evidence_and_posterior_of_its_size_are_those_of_a_grid(spoilt):
     grid = np.linspace(low, high, 4001)
     value = density(grid[:, None])
     weight = np.exp(value - value.max())
-    start = grid[[value.argmax()]], np.array([[1e-3]])
-    found, draws = evidence_about_modes(density, [Identity()], [start], np.random.default_rng(2))
+    problem = replace(spoilt.problem, prior=density.prior)
+    chains, _ = draw_problem(problem, grid[[[value.argmax()]]], np.random.default_rng(2), jb.SamplerSettings())
+    assert chains.converged
+    found = evidence(density, [Identity()], chains.draws(), np.random.default_rng(3))
     assert found.log_z == pytest.approx(value.max() + math.log(integrate.trapezoid(weight, grid)), abs=0.01)
     mean = np.average(grid, weights=weight)
     sd = math.sqrt(np.average((grid - mean) ** 2, weights=weight))
-    assert abs(draws.weight @ draws.theta[:, 0] - mean) < 5 * sd / math.sqrt(draws.effective)
+    assert abs(chains.draws().theta.mean() - mean) < 5 * sd / math.sqrt(chains.ess.min())
 
 
 @pytest.mark.science

@@ -55,7 +55,9 @@ def _thinned(problem: Problem, widest: Callable[[int, int], int], about: int, *,
         kept = _lines_that_resolve(frfs, widest(lines, outputs * inputs), about)
         if _ALMOST_ALL * kept.size <= lines:
             few, count = frfs.at_lines(kept), np.diff(kept, append=lines) if grouped else np.ones(kept.size)
-            tests[place] = replace(test, data=replace(few, variance=few.variance / count[:, None, None]))
+            data = replace(few, variance=few.variance / count[:, None, None])
+            noise = test.noise and test.noise.fitted_to(data, test.noise.parts)
+            tests[place] = replace(test, data=data, noise=noise)
             changed = True
     return replace(problem, tests=tuple(tests)) if changed else problem
 
