@@ -32,7 +32,7 @@ from jointbayes.posterior import Posterior, gather_knowledge, knowledge
 from jointbayes.posterior import posterior as posterior_module
 from jointbayes.posterior.storage import imported_arviz
 from jointbayes.report import ReportInputs, drawing, run_directory
-from jointbayes.sampling import SamplerSettings, distributions
+from jointbayes.sampling import SamplerSettings, proposal
 from jointbayes.structure import BeamMaterial, DampingLaw, ModalDamping, Section, Structure, beam
 from jointbayes.verdict_rule import VerdictRule
 from jointbayes.workflow import sample
@@ -183,8 +183,7 @@ def _plain_reports() -> Iterator[None]:
 def _rough_proposals() -> Iterator[None]:
     """Runs whose proposal is fitted in one round: half the price of few steps, for claims about none of their draws."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(distributions, "_TRIALS", 1)
-        patch.setattr(distributions, "_ROUNDS", 1)
+        patch.setattr(proposal, "_ROUNDS", 1)
         yield
 
 

@@ -13,7 +13,7 @@ from jointbayes.inference import Landing
 from jointbayes.posterior.next_step import advice
 from jointbayes.progress import EVALUATIONS, Budget
 from jointbayes.report.sections.lead import _calculation
-from jointbayes.sampling import Proposal, Quantities, StudentT, draws_from_two_origins, run_adapted, run_ensembles
+from jointbayes.sampling import draw, run_ensembles, sampler
 from jointbayes.sampling.coordinate_maps import Identity
 from tests.conftest import cheap_text, edited
 from tests.one_line import refused
@@ -64,26 +64,23 @@ def test_walkers_on_a_slow_machine_make_the_same_draws(evaluations):
     assert ("(max_evaluations)" in fast.reason) == (evaluations == 1000)
 
 
-def test_two_origins_on_a_slow_machine_make_the_same_draws():
+def test_a_run_on_a_slow_machine_makes_the_same_draws_from_its_origins_on():
     class Slow(type(SHEETS["two modes"])):
         def __call__(self, theta):
             time.sleep(0.002)
             return super().__call__(theta)
 
-    def drawn(kind, budget):
+    def drawn(kind, most):
         sheet = kind(SHEETS["two modes"].white, *SHEETS["two modes"].prior.support)
-        quantities = Quantities(("x", "y"), lambda theta: theta)
-        return draws_from_two_origins(
-            Landing(sheet), np.zeros((0, 2)), np.random.default_rng(1), quantities, budget=budget
-        )
+        settings = jb.SamplerSettings(walkers=8, max_evaluations=most, tau_factor=10.0, end_tolerance=0.1)
+        rng = np.random.default_rng(1)
+        return draw(Landing(sheet), np.array([[1.0, 3.0]]), rng, settings, systems=[Identity()])[0]
 
-    whole = drawn(type(SHEETS["two modes"]), Budget())
-    # a budget that ends before the first step is done, one that ends at a look in the middle, one that is never spent
-    for most in (whole.evaluations // 3, 10 * whole.evaluations):
-        fast, slow = (drawn(kind, Budget(most)) for kind in (type(SHEETS["two modes"]), Slow))
-        assert (fast is None) == (slow is None) == (most < whole.evaluations)
-        if fast is not None:
-            np.testing.assert_array_equal(fast.theta, slow.theta)
+    # a budget that ends while the origins look, and one that is never spent
+    for most in (10_000, 10_000_000):
+        fast, slow = (drawn(kind, most) for kind in (type(SHEETS["two modes"]), Slow))
+        assert fast.converged == slow.converged == (most > 10_000)
+        np.testing.assert_array_equal(fast.theta, slow.theta)
 
 
 def test_walkers_stop_at_the_next_check_and_say_why():
@@ -107,13 +104,14 @@ def test_a_run_that_settles_is_the_same_whatever_the_budget():
     np.testing.assert_array_equal(chains.theta, other.theta)
 
 
-def test_no_further_stage_begins_once_the_budget_is_spent():
-    rng = np.random.default_rng(2)
-    proposal = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.4, 0)  # so poor that it explores first
+def test_no_further_stage_begins_once_the_budget_is_spent(monkeypatch):
+    monkeypatch.setattr(sampler, "_SLOW_TAU", 0.0)
+    monkeypatch.setattr(sampler, "_STAGES", (50, 50))
     settings = jb.SamplerSettings(walkers=8, max_steps=20_000, max_evaluations=ALMOST_NONE)
-    chains, _ = run_adapted(gaussian, start(rng), rng, settings, systems=[Identity()], proposal=proposal)
+    rng = np.random.default_rng(2)
+    chains, _ = draw(Landing(SHEETS["banana"]), np.array([[1.0, 1.0]]), rng, settings, systems=[Identity()])
     assert (chains.discarded, chains.steps) == (0, settings.check_every)
-    assert chains.reason.endswith("(max_evaluations)")
+    assert "(max_evaluations)" in chains.reason
 
 
 def test_a_search_ends_with_the_best_that_it_has(cheap_case):

@@ -2,7 +2,6 @@
 
 import math
 import os
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +13,6 @@ from numpy.typing import ArrayLike
 from jointbayes.case.case import AnyCase, Case, case_around, require_case
 from jointbayes.errors import ModelError, require, require_count
 from jointbayes.identification import (
-    Images,
     IterationHistory,
     MapEstimate,
     ModeSearch,
@@ -26,11 +24,10 @@ from jointbayes.identification import (
     search_further,
     sensitivity_iteration,
     why_not_iterated,
-    with_lines_in_groups,
 )
-from jointbayes.inference import Landing, Premises, Problem, in_workshop
+from jointbayes.inference import Premises, Problem, in_workshop
 from jointbayes.posterior import Posterior, RunRecord, package_versions
-from jointbayes.posterior.coordinates import coordinate_systems, judged_quantities
+from jointbayes.posterior.coordinates import draw_problem
 from jointbayes.posterior.decision import decide, is_of_measured_frfs
 from jointbayes.posterior.knowledge import assumed_beyond
 from jointbayes.posterior.run_record import sampler_figures
@@ -38,18 +35,7 @@ from jointbayes.posterior.sampled import BestDraw, recall
 from jointbayes.posterior.storage import draws_tree
 from jointbayes.progress import Progress, ProgressCallback, callback_of
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import (
-    Chains,
-    SamplerSettings,
-    draws_from_two_origins,
-    fit_each_mode,
-    independent_chains,
-    replace_far_walkers,
-    run_adapted,
-    second_opinion,
-    starting_walkers,
-    starts_of_hills,
-)
+from jointbayes.sampling import Chains, SamplerSettings
 from vibrecords.arrays import Array
 
 #: What is analysed: a case, the path of its file, or a problem.
@@ -62,9 +48,8 @@ AS_ASKED = "As was asked, the data are taken within their noise and the model as
 _PRIOR_DRAWS = 8000
 _SAME_DENSITY = 1e-3  # of two points that are equally the mode
 _STEPS_UP, _SHALLOW = 21, 1.0  # on the way between two points that may be one mode; ln of a density's dip there
-_NO_DRAW = 50.0  # below the mode in log density there is no draw: in 20 dimensions fewer than one in 10⁹
-#: Generators of `sample`: each has its own, so that a run goes on anywhere without what came before.
-_WALKERS, _PROPOSAL, _FAR_WALKERS, _STEPS, _PRIOR, _SECOND_ORIGIN = range(6)
+#: Generators of `sample`: each has its own.
+_STEPS, _PRIOR = range(2)
 
 
 def identify(case: Analysed, initial: ArrayLike | None = None) -> IterationHistory:
@@ -280,15 +265,14 @@ def sample(
                 whole = replace(whole, problem=answered, stated=whole.stated and answered)
             if answered.premises.reason:
                 tell(Progress("premises", answered.premises.decision))
-            settings = settings.for_dimension(len(answered.names))
+            settings = settings.for_dimension(len(answered.names)).for_one_of_many()
             run = _Run(answered, whole, seed, settings, find_map(answered, seed=seed, progress=tell))
-            return _posterior(*_from_two_origins(run, tell))
+            return _posterior(*_drawn(run, tell))
     elif whole is not None and not ("model" in problem.exact or computed):
         problem = replace(problem, premises=Premises(asked=AS_ASKED))
         whole = replace(whole, problem=problem, stated=whole.stated and problem)
-    tell(Progress("preparing the sampling"))
     estimate = _on_all_lines(problem, estimate)
-    return _posterior(*_by_ensembles(_Run(problem, whole, seed, settings, estimate), tell))
+    return _posterior(*_drawn(_Run(problem, whole, seed, settings, estimate), tell))
 
 
 @dataclass(frozen=True)
@@ -324,46 +308,6 @@ def answered_problem(problem: Problem, case: Case | None, estimate: MapEstimate,
     return decide(problem, estimate, seed, sizes=problem.model_error, freed=freed, assumed=assumed, checked=checked)
 
 
-def _by_ensembles(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
-    """Draws by ensembles of walkers, with the efficiency of the last proposal, and the run with modes that it missed.
-
-    1. Fit a proposal about each hill, place walkers there and move them until they agree.
-    2. Ask climbs from the prior, which know nothing of the modes, for a second opinion.
-    3. Where these led to a part without draws, draw once more from there as well.
-    """
-    problem, log_posterior, settings = run.problem, run.problem.log_posterior, run.settings
-    systems, images = coordinate_systems(problem), Images.from_problem(problem).matrices
-    while True:
-        # 1. draws about the modes that are known
-        starts = starts_of_hills(log_posterior, run.estimate.starts_for_draws)
-        proposal = fit_each_mode(log_posterior, systems, starts, images, run.generator(_PROPOSAL))
-        start = starting_walkers(starts, problem.prior.log_density, settings, run.generator(_WALKERS), proposal.shares)
-        least = run.estimate.log_posterior - _NO_DRAW
-        start = replace_far_walkers(start, log_posterior, least, proposal, run.generator(_FAR_WALKERS))
-        tell(Progress("sampling"))
-        chains, last = run_adapted(
-            log_posterior,
-            start,
-            run.generator(_STEPS),
-            settings,
-            tell,
-            systems=systems,
-            proposal=proposal,
-            quantities=judged_quantities(problem.prior),
-        )
-        if not chains.converged or problem.extra_log_likelihood is not None:
-            return run, last.efficiency, chains
-        # 2. the second opinion
-        ground = Landing(log_posterior, mode=run.estimate.theta, coarse=with_lines_in_groups(problem).log_posterior)
-        opinion = second_opinion(ground, chains, run.generator(_SECOND_ORIGIN))
-        # 3. once more, where more modes were found
-        modes = len(run.estimate.modes)
-        if opinion.missed.size:
-            run = replace(run, estimate=_climbed_again(problem, run.estimate, [*opinion.missed]))
-        if len(run.estimate.modes) <= modes:
-            return run, last.efficiency, opinion.of(chains, settings)
-
-
 def _posterior(run: _Run, efficiency: float, chains: Chains) -> Posterior:
     problem, estimate = run.problem, run.estimate
     best = np.unravel_index(np.argmax(chains.log_density), chains.log_density.shape)
@@ -397,30 +341,14 @@ def draws_of(problem: Problem, estimate: MapEstimate, seed: int, tell: ProgressC
     """Draws of one of many problems whose mode is known, as `sample` would make them."""
     settings = SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
     run = _Run(problem, None, seed, settings, estimate)
-    _, _, chains = (_from_two_origins if problem.premises.reason else _by_ensembles)(run, tell)
-    return chains
+    return _drawn(run, tell)[2]
 
 
-def _from_two_origins(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
-    """Draws from two origins with their efficiency, and the run with a better mode where they found one.
-
-    The density is a thin curved sheet, with places that a fitted proposal hardly reaches: a walker waits long there.
-    """
-    problem, began = run.problem, time.perf_counter()
-    tell(Progress("sampling"))
-    found = draws_from_two_origins(
-        Landing(problem.log_posterior, mode=run.estimate.theta),
-        np.array([mode.theta for mode in run.estimate.modes]),
-        run.generator(_STEPS),
-        judged_quantities(problem.prior),
-        tell=lambda text: tell(Progress("sampling", text)),
-        budget=run.settings.budget(len(problem.names)),
-    )
-    if found is None:
-        tell(Progress("preparing the sampling"))
-        return _by_ensembles(run, tell)
-    chains = independent_chains(problem.log_posterior, found, time.perf_counter() - began)
-    return replace(run, estimate=_with_best_draw(problem, run.estimate, chains)), found.efficiency, chains
+def _drawn(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:
+    """Draws with the efficiency of the last proposal, and the run with a higher mode where the best draw led to one."""
+    problem, estimate = run.problem, run.estimate
+    chains, proposal = draw_problem(problem, estimate.places, run.generator(_STEPS), run.settings, tell)
+    return replace(run, estimate=_with_best_draw(problem, estimate, chains)), proposal.efficiency, chains
 
 
 def _with_best_draw(problem: Problem, estimate: MapEstimate, chains: Chains) -> MapEstimate:

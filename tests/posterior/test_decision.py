@@ -339,7 +339,8 @@ def test_draws_of_two_springs_in_a_thin_sheet_have_the_quantiles_of_a_grid():
         below = np.cumsum(share) - share / 2
         for probability in (0.025, 0.5, 0.975):
             drawn = float((quick.theta[:, column] <= np.interp(probability, below, axis)).mean())
-            assert abs(drawn - probability) < 4 * math.sqrt(probability * (1 - probability) / len(quick.theta))
+            effective = min(quick.record.sampler["ess"].values())
+            assert abs(drawn - probability) < 4 * math.sqrt(probability * (1 - probability) / effective)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from scipy import special
 import jointbayes as jb
 from jointbayes.cli.common import print_summary
 from jointbayes.inference import hypothesis_problem
-from jointbayes.posterior import gather_knowledge
+from jointbayes.posterior import evidence, gather_knowledge
 from jointbayes.posterior.identifiability import assess
 from jointbayes.posterior.knowledge import SimplerJoint, UncertainInputsRow, known_by_bounds, weighed_joints
 from jointbayes.posterior.limits import LikelihoodRegion
@@ -150,16 +150,18 @@ def test_nothing_is_excluded_by_an_evidence_that_is_not_known(monkeypatch):
     """Neither of the run, nor of a simpler joint."""
     monkeypatch.setattr("jointbayes.posterior.knowledge.known_by_bounds", lambda _: ("",))
     posterior, _ = drawn_by_weights(two_lengths(exact(TABLE_3), OF_MODULUS).problem)
-    module = sys.modules["jointbayes.posterior.evidence"]
+    module, known = sys.modules["jointbayes.posterior.knowledge"], evidence
     with monkeypatch.context() as patched:
-        patched.setattr(module, "PARETO_LIMIT", -9.0)
-        patched.setattr("jointbayes.posterior.knowledge.EXCLUDED", 5.0)
-        assert "rigid" not in by_kind(weighed_joints(posterior))
-        posterior._found.clear()
-        patched.setattr(module, "PARETO_LIMIT", 9.0)
+        patched.setattr(module, "EXCLUDED", 5.0)
         assert by_kind(weighed_joints(posterior))["rigid"].excluded
+        posterior._found.clear()
+        of_run = posterior.problem.log_posterior
+        patched.setattr(
+            module, "evidence", lambda p, *a: replace(known(p, *a), error=0.01 if p is of_run else math.inf)
+        )
+        assert "rigid" not in by_kind(weighed_joints(posterior))
     posterior._found.clear()
-    monkeypatch.setattr(module, "LARGEST_ERROR", 0.0)
+    monkeypatch.setattr(sys.modules["jointbayes.posterior.evidence"], "LARGEST_ERROR", 0.0)
     assert weighed_joints(posterior) == ()
 
 

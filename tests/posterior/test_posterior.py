@@ -56,8 +56,9 @@ def test_intervals_are_equal_tailed(cheap_posterior):
     for name in PAIR.stiffness_names:
         values = cheap_posterior.values(name)
         low, high = cheap_posterior.interval(name, 0.8)
-        assert np.mean(values < low) == pytest.approx(0.1, abs=1 / values.size)
-        assert np.mean(values > high) == pytest.approx(0.1, abs=1 / values.size)
+        # a walker that stays where it is repeats a draw, at an end as anywhere
+        assert np.mean(values < low) - 1 / values.size <= 0.1 <= np.mean(values <= low) + 1 / values.size
+        assert np.mean(values > high) - 1 / values.size <= 0.1 <= np.mean(values >= high) + 1 / values.size
         wide = cheap_posterior.interval(name)
         assert wide[0] < low < high < wide[1]
         assert wide == pytest.approx(cheap_posterior.verdict(name).interval, rel=1e-12)

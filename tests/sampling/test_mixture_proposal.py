@@ -6,7 +6,9 @@ from scipy import stats
 
 from jointbayes.sampling import NormalScores, StudentT, distributions, fit_proposal, importance_efficiency
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.distributions import Pool, StudentMixture, first_mixture, most_likely_mixture, resampled, split
+from jointbayes.sampling.distributions import StudentMixture, first_mixture, most_likely_mixture, resampled
+from jointbayes.sampling.kernels import Kernels
+from jointbayes.sampling.proposal import Proposal
 
 LEFT = StudentT(np.array([-4.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]), 5.0)
 RIGHT = StudentT(np.array([3.0, 2.0]), 0.25 * np.eye(2), 8.0)
@@ -18,9 +20,6 @@ def unequal_modes(x):
     left = stats.multivariate_normal([-3.0, 0.0], np.eye(2)).logpdf(x)
     right = stats.multivariate_normal([4.0, 1.0], np.diag([0.25, 1.0])).logpdf(x)
     return np.logaddexp(np.log(0.9) + left, np.log(0.1) + right)
-
-
-BOTH = ((np.array([-3.0, 0.0]), np.eye(2)), (np.array([4.0, 1.0]), np.eye(2)))
 
 
 class TestStudentMixture:
@@ -72,13 +71,6 @@ class TestMixtureFit:
         kept = most_likely_mixture(mixture, x, np.full(2000, 1 / 2000))
         assert len(kept.components) == 2
 
-    def test_splitting_keeps_place_and_weight(self):
-        halves = split(TWO)
-        assert len(halves.components) == 3
-        assert halves.weights[:2].sum() == pytest.approx(0.8)
-        np.testing.assert_allclose(np.mean([b.mean for b in halves.components[:2]], axis=0), LEFT.mean, atol=1e-12)
-        assert min(np.linalg.eigvalsh(b.scale).min() for b in halves.components) > 0
-
     def test_first_centres_reach_a_light_mode_far_off(self):
         near = np.random.default_rng(11).normal(size=(1000, 2))
         x = np.concatenate([near, near + 50.0])
@@ -88,23 +80,18 @@ class TestMixtureFit:
         assert sum(max(bell.mean[0] for bell in one.components[:-1]) > 40.0 for one in found) > 15
 
 
-class TestPool:
-    def test_weights_are_over_the_mixture_of_all_proposals(self):
-        rng = np.random.default_rng(12)
-        pool = Pool(unequal_modes, 2)
-        box = NormalScores([-20.0, -20.0], [20.0, 20.0])
-        pool.extend(StudentT(np.zeros(2), 16.0 * np.eye(2), 5.0), Identity(), rng, 3000)
-        pool.extend(StudentT(np.zeros(2), 0.1 * np.eye(2), 5.0), box, rng, 2000)
-        pool.extend(LEFT, Identity(), rng, 1000)
-        # weights over the sum of counts times densities add up to the integral, which is one
-        assert np.exp(pool.log_weight).sum() == pytest.approx(1.0, abs=0.05)
+def exact(n, rng):
+    """Draws of it."""
+    left = rng.random(n) < 0.9
+    normal = rng.normal(size=(n, 2))
+    return np.where(left[:, None], normal - np.array([3.0, 0.0]), normal * [0.5, 1.0] + np.array([4.0, 1.0]))
 
 
 class TestFit:
     @pytest.mark.parametrize("seed", range(3))
     def test_two_modes_are_both_proposed_with_their_masses(self, seed):
-        found = fit_proposal(unequal_modes, [None], BOTH, np.random.default_rng(seed))
-        assert isinstance(found.density, StudentMixture)
+        rng = np.random.default_rng(seed)
+        found = fit_proposal(unequal_modes, [Identity()], exact(6000, rng), rng)
         assert found.efficiency > 0.7
         right = found.density.draw(np.random.default_rng(20), 20_000)[:, 0] > 1.0
         # 0.95 of the weight follows the density, the wide rest is about both
@@ -114,41 +101,83 @@ class TestFit:
         assert weight.sum() / 20_000 == pytest.approx(1.0, abs=0.03)
         assert weight[theta[:, 0] > 1.0].sum() / weight.sum() == pytest.approx(0.1, abs=0.02)
 
-    def test_one_start_that_a_bell_fits_gives_one_bell_and_asks_no_other_coordinates(self):
+    def test_coordinates_in_which_a_bell_fits_are_taken_and_no_others_tried(self):
         class Forbidden(Identity):
             def forward(self, theta):
                 raise AssertionError
 
-        start, density = (np.zeros(2), np.eye(2)), lambda x: -0.5 * np.sum(x**2, axis=1)
-        found = fit_proposal(density, [None, Forbidden()], [start], np.random.default_rng(1))
-        assert isinstance(found.density, StudentT)
+        rng = np.random.default_rng(1)
+        density = lambda x: -0.5 * np.sum(x**2, axis=1)  # noqa: E731
+        found = fit_proposal(density, [Identity(), Forbidden()], rng.normal(size=(6000, 2)), rng)
         assert type(found.coordinates) is Identity
+        assert found.efficiency > 0.85  # of a t distribution with 5 degrees of freedom for a Gaussian: 0.94
 
     def test_the_coordinates_that_serve_are_taken(self):
-        box = NormalScores(np.zeros(3), np.full(3, 10.0))
+        box, rng = NormalScores(np.zeros(3), np.full(3, 10.0)), np.random.default_rng(2)
 
         def flat(x):
-            return np.where(((x > 0) & (x < 10)).all(axis=1), -0.1 * x[:, 0], -np.inf)
+            return np.where(((x > 0) & (x < 10)).all(axis=1), 0.0, -np.inf)
 
-        start = (np.array([0.5, 5.0, 9.999]), np.eye(3))
-        found = fit_proposal(flat, [None, box], [start], np.random.default_rng(2))
+        found = fit_proposal(flat, [Identity(), box], 10 * rng.random((6000, 3)), rng)
         assert found.coordinates is box
         assert found.efficiency > 0.7
 
-    def test_evaluations_are_those_made(self):
-        calls, box = [], NormalScores([-20.0, -20.0], [20.0, 20.0])
+    def test_few_draws_that_carry_all_the_weight_are_a_start(self):
+        """Draws of another density, weighted: a tenth as wide, and off by two of its widths."""
+        rng = np.random.default_rng(3)
+        density = lambda x: -0.5 * np.sum((x - 2) ** 2, axis=1)  # noqa: E731
+        near = 2 + 0.1 * rng.normal(size=(6000, 2)) + [0.5, 0.0]
+        assert fit_proposal(density, [Identity()], near, rng).efficiency > 0.8
 
-        def counted(x):
-            calls.append(len(x))
-            return unequal_modes(x)
+    def test_a_bent_thread_is_straightened(self):
+        rng = np.random.default_rng(4)
+        x = rng.normal(size=6000)
+        draws = np.column_stack([x, x**2 + 0.02 * rng.normal(size=x.size)])
+        thread = lambda t: -0.5 * (t[:, 0] ** 2 + ((t[:, 1] - t[:, 0] ** 2) / 0.02) ** 2)  # noqa: E731
+        found = fit_proposal(thread, [Identity()], draws, rng)
+        assert found.efficiency > 0.8
+        assert type(found.coordinates).__name__ == "StraightCoordinates"
 
-        assert fit_proposal(counted, [None, box], BOTH, np.random.default_rng(3)).evaluations == sum(calls)
+    def test_points_that_are_hardly_proposed_are_told(self):
+        """A narrow arm of a twentieth of the density, which a mixture fitted without it hardly proposes."""
+        rng = np.random.default_rng(5)
+
+        def with_arm(x):
+            bulk = stats.multivariate_normal([0.0, 0.0], np.eye(2)).logpdf(x)
+            arm = stats.multivariate_normal([0.0, 9.0], [0.01, 1.0]).logpdf(x)
+            return np.logaddexp(np.log(0.95) + bulk, np.log(0.05) + arm)
+
+        first = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.5)
+        on_arm = np.array([0.0, 9.0]) + rng.normal(size=(50, 2)) * [0.1, 1.0]
+        missed = first.missed(with_arm, np.concatenate([rng.normal(size=(500, 2)), on_arm]), rng, 40)
+        assert len(missed) == 40
+        assert (missed[:, 1] > 5).all()
+
+    def test_further_kernels_are_a_tenth_of_what_is_proposed(self):
+        rng = np.random.default_rng(6)
+        far = Kernels(np.array([[0.0, 50.0]]), np.eye(2)[None], np.zeros((1, 0, 0, 2)), np.ones(1))
+        both = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.5, further=far)
+        drawn = both.draw(rng, 20_000)
+        assert (drawn[:, 1] > 25).mean() == pytest.approx(0.1, abs=0.01)
+        whole = Proposal(StudentT(np.zeros(2), np.eye(2), 5.0), 0.5)
+        at = np.array([[0.0, 0.0], [0.0, 50.0]])
+        exact = np.log(0.9 * np.exp(whole.log_density(at)) + 0.1 * np.exp(far.log_density(at)))
+        np.testing.assert_allclose(both.log_density(at), exact)
 
     def test_the_efficiency_is_that_of_other_draws(self):
         for seed in range(4):
-            found = fit_proposal(unequal_modes, [None], BOTH, np.random.default_rng(seed))
+            rng = np.random.default_rng(seed)
+            found = fit_proposal(unequal_modes, [Identity()], exact(6000, rng), rng)
             _, log_weight = found.weighted_draws(unequal_modes, np.random.default_rng(30 + seed), 20_000)
             assert importance_efficiency(log_weight) == pytest.approx(found.efficiency, abs=0.08)
+            draws = exact(20_000, rng)
+            assert found.efficiency_among(draws, unequal_modes(draws)) == pytest.approx(found.efficiency, abs=0.08)
+
+    def test_draws_of_a_part_that_it_misses_tell_a_poor_efficiency(self):
+        """Its own draws, none of which lies there, say that it is a good one."""
+        left = Proposal(StudentT(np.array([-3.0, 0.0]), np.eye(2), 5.0), 0.9)
+        draws = exact(5000, np.random.default_rng(6))
+        assert left.efficiency_among(draws, unequal_modes(draws)) < 0.1
 
 
 class TestTruncatedWeights:

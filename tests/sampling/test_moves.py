@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jointbayes.sampling import Proposal, StudentT
 from jointbayes.sampling.coordinate_maps import Identity
-from jointbayes.sampling.moves import DEMove
+from jointbayes.sampling.moves import DEMove, IndependenceMove
 from jointbayes.sampling.moves.base import settle
 
 
@@ -54,3 +55,25 @@ def test_what_a_proposal_costs_counts_as_what_the_density_gains(gain):
         assert accepted.mean() == pytest.approx(min(1.0, np.exp(gain)), abs=0.01)
         assert state.coords[:, 0].tolist() == accepted.tolist()
         assert state.log_prob == pytest.approx(np.where(accepted, density, 0.0))
+
+
+class Positive(Identity):
+    """θ above zero, where a fitted distribution proposes places below as well."""
+
+    def inverse(self, phi):
+        return phi, (phi > 0).all(axis=1)
+
+
+def test_what_is_known_of_the_last_step_is_what_a_new_look_says():
+    """Walkers that stay, go, were sent out of the region or were moved by another move meanwhile."""
+    proposal = Proposal(StudentT(np.full(2, 0.5), np.eye(2), 5.0), 0.5, Positive())
+    rng, theta = np.random.default_rng(1), np.random.default_rng(2).uniform(0.1, 2.0, (60, 2))
+    kept = IndependenceMove(proposal)
+    for seed in range(4):
+        proposed, log_factor = kept.get_proposal(theta, np.random.RandomState(seed))
+        again, expected = IndependenceMove(proposal).get_proposal(theta, np.random.RandomState(seed))
+        np.testing.assert_array_equal(proposed, again)
+        np.testing.assert_allclose(log_factor, expected, rtol=1e-12)
+        assert np.isneginf(log_factor).any()
+        theta[...] = np.where(rng.random((60, 1)) < 0.5, proposed, theta)  # in place, as emcee's state is
+        theta[:7] = rng.uniform(0.1, 2.0, (7, 2))

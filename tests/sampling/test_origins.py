@@ -1,5 +1,6 @@
-"""Draws from two origins have the ends and shares of a dense grid, and count only where both found the same."""
+"""Draws have the ends and shares of a dense grid, and count only where two origins found the same."""
 
+import re
 import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,29 +9,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import multivariate_t, norm
+from scipy.stats import multivariate_t, norm, truncnorm
 
 import jointbayes as jb
 from jointbayes.inference import Landing, LogPosterior
 from jointbayes.progress import Budget
-from jointbayes.sampling import (
-    ALONE,
-    Quantities,
-    SamplerSettings,
-    draws_from_two_origins,
-    fit_each_mode,
-    independent_chains,
-    run_adapted,
-    second_opinion,
-    starting_walkers,
-)
+from jointbayes.sampling import NormalScores, Quantities, SamplerSettings, draw, sampler
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.kernels import Kernels
-from jointbayes.sampling.origins import interval_errors
+from jointbayes.sampling.origins import two_origins
 from jointbayes.sampling.stopping import END_TOLERANCE
 
 BOTH = Quantities(("x", "y"), lambda theta: theta)
 PROBABILITIES = (0.025, 0.5, 0.975)
+SETTINGS = SamplerSettings(walkers=24, max_steps=8000)
 
 
 @dataclass
@@ -78,14 +70,13 @@ class Sheet:
         return self.prior.log_density(theta) - 0.5 * (self.white(theta) ** 2).sum(axis=1)
 
     def by_grid(self, n=4000):
-        """Quantiles of x and y, and ln of the integral, by a dense grid."""
+        """Quantiles of x and y by a dense grid."""
         axes = [np.linspace(low, high, n) for low, high in zip(*self.prior.support, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         value = np.concatenate([self(part) for part in np.array_split(points, 40)]).reshape(n, n)
         weight = np.exp(value - value.max())
         ends = [np.interp(PROBABILITIES, np.cumsum(weight.sum(axis=1 - i)) / weight.sum(), axes[i]) for i in range(2)]
-        cell = np.prod([axis[1] - axis[0] for axis in axes])
-        return np.array(ends), np.log(weight.sum() * cell) + value.max()
+        return np.array(ends)
 
 
 def columns(*parts):
@@ -104,24 +95,30 @@ SHEETS = {
         (8, 8),
     ),
     "plateau": Sheet(lambda t: columns(t[:, 0], 4 / (1 + np.exp(2 * t[:, 1]))), (-6, -15), (6, 25)),
+    # two unknowns of which the second sets the width of the first
+    "funnel": Sheet(lambda t: columns(t[:, 1], t[:, 0] / np.exp(0.6 * t[:, 1])), (-30, -4), (30, 4)),
 }
+MODES = {"plateau": (0.0, 3.0), "funnel": (0.0, 0.0), "two springs": (1.0, 1.0)}
 
 
-def found_of(sheet, seed, **options):
-    at = np.zeros((0, 2))
-    return draws_from_two_origins(Landing(sheet), at, np.random.default_rng(seed), BOTH, **options)
+def drawn_of(sheet, seed, mode=(1.0, 3.0), settings=SETTINGS, **options):
+    at, rng = np.array([mode]), np.random.default_rng(seed)
+    systems = Identity(), NormalScores(*sheet.prior.support)
+    return draw(Landing(sheet), at, rng, settings, systems=systems, quantities=BOTH, **options)[0]
+
+
+def kept(chains):
+    return chains.draws().theta.reshape(-1, 2)
 
 
 @pytest.mark.parametrize("name", SHEETS)
-def test_ends_and_integral_are_those_of_a_grid(name):
-    ends, log_z = SHEETS[name].by_grid()
+def test_ends_are_those_of_a_grid(name):
+    ends = SHEETS[name].by_grid()
     for seed in (1, 2, 3):
-        found = found_of(SHEETS[name], seed)
-        assert found is not None
-        assert found.settled
-        drawn = np.quantile(found.theta, PROBABILITIES, axis=0).T
+        chains = drawn_of(SHEETS[name], seed, MODES.get(name, (1.0, 1.0)))
+        assert chains.converged, chains.reason
+        drawn = np.quantile(kept(chains), PROBABILITIES, axis=0).T
         assert (np.abs(drawn - ends) / (ends[:, [2]] - ends[:, [0]])).max() < END_TOLERANCE
-        assert abs(found.log_z - log_z) < 5 * found.log_z_error + 1e-3
 
 
 def test_shares_of_two_modes_apart_are_right():
@@ -132,7 +129,7 @@ def test_shares_of_two_modes_apart_are_right():
     share = height[y > 0].sum() / height.sum()
     assert share == pytest.approx(0.77, abs=0.005)
     for seed in (1, 2, 3):
-        assert (found_of(sheet, seed).theta[:, 1] > 0).mean() == pytest.approx(share, abs=0.03)
+        assert (kept(drawn_of(sheet, seed))[:, 1] > 0).mean() == pytest.approx(share, abs=0.03)
 
 
 def test_a_thin_mode_has_its_share():
@@ -145,96 +142,95 @@ def test_a_thin_mode_has_its_share():
     height = np.exp(-0.5 * ((y**2 - 9) / np.where(y > 0, 1.54, thickness)) ** 2)
     share = height[y < 0].sum() / height.sum()
     assert share == pytest.approx(0.002, rel=0.01)
-    drawn = [(found_of(sheet, seed).theta[:, 1] < 0).mean() for seed in range(12)]
+    at = np.array([[1.0, 3.0]])
+    drawn = [(two_origins(Landing(sheet), at, np.random.default_rng(s)).theta[:, 1] < 0).mean() for s in range(12)]
     assert np.mean(drawn) == pytest.approx(share, rel=0.3)
 
 
-def test_what_only_one_origin_found_is_not_settled(monkeypatch):
-    """One origin never comes down on y < 0: more than `ALONE` is its alone, and the run does not say it is done."""
-    sheet, whole = SHEETS["two modes"], Landing.land
-    calls = iter(range(100))
-
-    def land(self, n, rng):
-        theta, value = whole(self, n, rng)
-        right = theta[:, 1] > 0 if next(calls) % 2 else theta[:, 1] < 20
-        return theta[right], value[right]
-
-    monkeypatch.setattr(Landing, "land", land)
-    found = found_of(sheet, 1)
-    assert not found.settled
-    assert found.alone == pytest.approx(0.23, abs=0.05)
-
-
-# ---- the second opinion on ensembles, which begin at the modes that a search has found
-
-SETTINGS = SamplerSettings(walkers=16, max_steps=4000, tau_factor=20, end_tolerance=0.04)
-UP, DOWN = (np.array([1.0, 3.0]), np.diag([1.0, 0.07])), (np.array([1.0, -3.0]), np.diag([1.0, 0.006]))
-
-
-def by_ensembles(starts, seed):
-    sheet, rng = SHEETS["two modes"], np.random.default_rng(seed)
-    proposal = fit_each_mode(sheet, [Identity()], starts, None, rng)
-    start = starting_walkers(starts, sheet.prior.log_density, SETTINGS, rng, proposal.shares)
-    chains, _ = run_adapted(sheet, start, rng, SETTINGS, systems=[Identity()], proposal=proposal)
-    assert chains.converged
-    return chains
-
-
-@pytest.mark.parametrize(("starts", "alone"), [([UP], 0.23), ([DOWN], 0.77), ([UP, DOWN], 0.0)])
-def test_climbs_from_the_prior_find_what_ensembles_have_missed(starts, alone):
-    """Shares are 0.77 and 0.23. The ensembles agree with each other wherever they begin."""
-    chains = by_ensembles(starts, 1)
-    opinion = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2))
-    judged = opinion.of(chains, SETTINGS)
-    assert opinion.alone == pytest.approx(alone, abs=0.04 if alone else ALONE)
-    if not alone:
-        assert judged is chains
-        assert (chains.theta[:, chains.held_burn_in :, :, 1] > 0).mean() == pytest.approx(0.77, abs=0.02)
-        return
-    assert (np.sign(opinion.missed[:, 1]) == -np.sign(starts[0][0][1])).all()
-    assert not judged.converged
-    assert judged.reason.startswith("not converged after ")
-    assert judged.reason.endswith("% of the density was found from one origin only")
-
-
-def test_climbs_that_miss_what_ensembles_have_found_do_not_confirm_them(monkeypatch):
+def landing_only(monkeypatch, wanted):
+    """From now on climbs of every second origin, or of all, are lost where they end elsewhere; list their numbers."""
     whole, climbs = Landing.land, []
 
     def land(self, n, rng):
         theta, value = whole(self, n, rng)
         climbs.append(n)
-        return theta[theta[:, 1] > 0], value[theta[:, 1] > 0]
+        there = wanted(theta, len(climbs))
+        return theta[there], value[there]
 
     monkeypatch.setattr(Landing, "land", land)
-    chains = replace(by_ensembles([UP, DOWN], 1), evaluations=100_000)
-    opinion = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2))
-    assert opinion.alone == pytest.approx(0.23, abs=0.04)
-    assert climbs[:2] == [32, 64]  # a run of many evaluations can afford more
-    assert not len(opinion.missed)
-    assert not opinion.of(chains, SETTINGS).converged
+    return climbs
+
+
+@pytest.mark.parametrize(("first", "alone"), [(1, 0.77), (-1, 0.23)])
+def test_what_only_one_origin_found_is_not_settled(monkeypatch, first, alone):
+    """The second origin comes down on one mode only: more than `ALONE` is known from the first one only."""
+    climbs = landing_only(monkeypatch, lambda theta, number: (number % 2 == 1) | (first * theta[:, 1] < 0))
+    chains = drawn_of(SHEETS["two modes"], 1, settings=replace(SETTINGS, max_evaluations=1_000_000))
+    assert not chains.converged
+    assert climbs[-1] > climbs[0]  # it has looked from more places
+    assert chains.reason.startswith("not converged after ")
+    share = re.fullmatch(r".*; (.*) % of the density was found from one origin only", chains.reason)
+    assert float(share[1]) == pytest.approx(100 * alone, abs=6)
+    # what was found is drawn all the same
+    assert (kept(chains)[:, 1] > 0).mean() == pytest.approx(0.77, abs=0.03)
+
+
+def test_climbs_find_a_mode_that_the_search_has_missed():
+    """The only mode that is known has a share of 0.23."""
+    chains = drawn_of(SHEETS["two modes"], 1, (1.0, -3.0))
+    assert chains.converged
+    assert (kept(chains)[:, 1] > 0).mean() == pytest.approx(0.77, abs=0.03)
 
 
 def test_where_no_climb_comes_down_the_reason_says_that_nothing_confirms_the_draws(monkeypatch):
-    monkeypatch.setattr(Landing, "land", lambda *_: (np.zeros((0, 2)), np.zeros(0)))
-    chains = by_ensembles([UP], 1)
-    judged = second_opinion(Landing(SHEETS["two modes"]), chains, np.random.default_rng(2)).of(chains, SETTINGS)
-    assert judged.converged
-    assert judged.reason.endswith("so that no second origin confirms that these are all")
+    landing_only(monkeypatch, lambda theta, _: np.zeros(len(theta), dtype=bool))
+    chains = drawn_of(SHEETS["Gaussian"], 1, (1.0, -1.0))
+    assert chains.converged
+    assert chains.reason.endswith("so that no second origin confirms that these are all")
+
+
+def test_where_weights_say_nothing_nearness_tells_what_one_origin_only_has_found(monkeypatch):
+    """As in many dimensions, where kernels do not resemble the density."""
+    monkeypatch.setattr(sampler, "RESEMBLES", 2.0)
+    assert drawn_of(SHEETS["two modes"], 1).converged
+    landing_only(monkeypatch, lambda theta, number: (number % 2 == 1) | (theta[:, 1] > 0))
+    chains = drawn_of(SHEETS["two modes"], 1, settings=replace(SETTINGS, max_evaluations=1_000_000))
+    assert not chains.converged
+    assert chains.reason.endswith("% of the density was found from one origin only")
+
+
+def test_walkers_start_in_a_corner_of_the_support_where_hardly_a_draw_of_the_kernels_lies():
+    """A plane wave of density that is highest where two ends of the box meet: three of four draws lie outside."""
+    corner = Sheet(lambda t: columns((t[:, 0] + 8) / 3, (t[:, 1] + 8) / 3), (-6, -6), (20, 20))
+    at = np.array([[-6.0, -6.0]]) + 1e-6
+    chains = drawn_of(corner, 1, at[0])
+    assert chains.converged
+    for column in kept(chains).T:  # a normal about -8, cut off at -6
+        exact = truncnorm.ppf(PROBABILITIES, 2 / 3, np.inf, loc=-8, scale=3)
+        assert np.quantile(column, PROBABILITIES) == pytest.approx(exact, abs=END_TOLERANCE * np.ptp(exact))
 
 
 def test_a_run_out_of_its_budget_gives_what_it_has_and_says_so():
-    found = found_of(SHEETS["Gaussian"], 1, budget=Budget(50_000))
-    chains = independent_chains(SHEETS["Gaussian"], found._replace(settled=False, error=0.08), 1.0)
+    chains = drawn_of(SHEETS["banana"], 1, budget=Budget(1))
     assert not chains.converged
-    assert chains.theta.shape[-1] == 2
+    assert chains.steps == SETTINGS.check_every
+    assert "(max_evaluations)" in chains.reason
 
 
-def test_errors_of_ends_are_those_of_independent_draws():
-    values = norm.ppf((np.arange(4000) + 0.5) / 4000)[:, None]
-    error, effective = interval_errors(values, np.full(4000, 1 / 4000))
-    # sd of a quantile of n draws: √(p (1 − p) / n) / density there, over the interval's width
-    assert error == pytest.approx(np.sqrt(0.025 * 0.975 / 4000) / 0.05845 / 3.92, rel=0.05)
-    assert effective == pytest.approx(4000, rel=0.01)
+def test_a_curve_too_thin_for_a_mixture_is_drawn_by_its_kernels(monkeypatch):
+    """A thread over a parabola, a thousandth as thick as long: walkers hardly move on it by themselves."""
+    thin = Sheet(lambda t: columns(t[:, 0], (t[:, 1] - np.sin(3 * t[:, 0])) / 0.002), (-6, -10), (6, 10))
+    made = []
+    whole = sampler.adapted
+    monkeypatch.setattr(sampler, "adapted", lambda *a, **k: made.append(whole(*a, **k)) or made[-1])
+    for seed in (1, 2):
+        chains = drawn_of(thin, seed, (0.0, 0.0))
+        assert chains.converged
+        x, y = kept(chains).T
+        assert np.quantile(x, PROBABILITIES) == pytest.approx(norm.ppf(PROBABILITIES), abs=0.05 * 3.92)
+        assert (y - np.sin(3 * x)).std() == pytest.approx(0.002, rel=0.1)
+        assert made[-1][1] > 0.05
+        assert chains.move_acceptance["independence"] > 10 * chains.move_acceptance["differential evolution"]
 
 
 def test_the_density_of_a_bent_kernel_is_that_of_its_draws():

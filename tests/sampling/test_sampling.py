@@ -171,7 +171,7 @@ class TestStopRule:
             ({"share": 0.0201}, "upper end of the 95 % interval of k11 has a Monte Carlo error of 2.01 % of"),
             ({"share": np.nan}, "below 2.0 % is needed"),
             ({"share": None}, "the errors of the ends of the 95 % intervals are unknown"),
-            ({"tau_end": 111.0}, "τ = 111.0 steps of an end of a 95 % interval exceeds 1/50 of the 5500 after burn-in"),
+            ({"tau_end": 221.0}, "τ = 221.0 steps of an end of a 95 % interval exceeds 1/25 of the 5500 after burn-in"),
         ],
     )
     def test_each_condition_alone_prevents_the_stop(self, change, figure):

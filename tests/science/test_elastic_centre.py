@@ -39,4 +39,6 @@ def test_both_give_the_same_stiffnesses_once_their_priors_are_the_same(cheap_pos
         here, there = np.log(posterior.stiffness[inside][picked, i]), np.log(expected.values(name).ravel())
         error = there.std() * np.sqrt(1 / effective + 1 / min(expected.record.sampler["ess"].values()))
         assert here.mean() == pytest.approx(there.mean(), abs=4 * error), name
-        assert here.std() == pytest.approx(there.std(), rel=4 * error / there.std()), name
+        # the spread of the middle: that of all rests on a few draws far out
+        widths = [np.diff(np.quantile(logs, [0.16, 0.84]))[0] for logs in (here, there)]
+        assert widths[0] == pytest.approx(widths[1], rel=4 * error / there.std()), name

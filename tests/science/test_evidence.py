@@ -10,9 +10,10 @@ from jointbayes.joint import ComplianceCoordinates, SignedCoupling
 from jointbayes.posterior import evidence, nested_evidence
 from jointbayes.posterior.coordinates import coordinate_systems
 from jointbayes.progress import tell_nobody
-from jointbayes.sampling import Draws, NormalScores, SamplerSettings, WeightedDraws, fit_proposal, run_ensembles
+from jointbayes.sampling import Draws, NormalScores, SamplerSettings, fit_proposal, run_ensembles
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.diagnostics import autocorrelation_time
+from jointbayes.sampling.distributions import resampled
 from jointbayes.workflow import draws_of, find_map
 from tests.conftest import first_in_ci, on_paper_elements
 
@@ -78,16 +79,19 @@ class TwoCouplings:
 def two_couplings():
     density = TwoCouplings()
     places, covariance = ([22.0, 14.0, 0.96], [20.5, 12.5, -0.93]), np.diag([0.01, 0.01, 0.001])
-    starts = tuple((np.array(place), covariance) for place in places)
+    starts, rng = tuple((np.array(place), covariance) for place in places), np.random.default_rng(4)
     known = ComplianceCoordinates(SignedCoupling()), NormalScores(density.low, density.high)
-    return density, starts, fit_proposal(density, known, starts, np.random.default_rng(4))
+    about = np.concatenate([rng.multivariate_normal(*start, size=3000) for start in starts])
+    return density, starts, fit_proposal(density, known, about[np.abs(about[:, 2]) < 1], rng)
 
 
 def test_evidence_of_two_modes_near_both_limits_of_the_coupling(two_couplings):
     density, _, proposal = two_couplings
     assert proposal.efficiency > 0.4
     rng = np.random.default_rng(5)
-    draws = WeightedDraws(*proposal.weighted_draws(density, rng, 20_000)).resample(rng, 20_000)
+    draws, log_weight = proposal.weighted_draws(density, rng, 20_000)
+    weight = np.exp(log_weight - np.logaddexp.reduce(log_weight))
+    draws = draws[resampled(weight, 20_000, rng)[rng.permutation(20_000)]]
     assert np.mean(draws[:, 2] > 0) == pytest.approx(0.7, abs=0.03)
     drawn = Draws(draws.reshape(4, 5000, 3), density(draws).reshape(4, 5000), np.arange(4))
     found = evidence(density, (Identity(), proposal.coordinates), drawn, rng)
@@ -100,8 +104,7 @@ def test_chains_visit_two_modes_near_both_limits_in_proportion(two_couplings):
     settings = SamplerSettings(ensembles=4, walkers=24, tau_factor=20.0)
     # half of the walkers about each mode, though one is more than twice as heavy as the other
     balls = [rng.multivariate_normal(mean, 0.1 * covariance, size=(4, 12)) for mean, covariance in starts]
-    start, in_it = np.concatenate(balls, axis=1), {"coordinates": proposal.coordinates, "proposal": proposal}
-    chains = run_ensembles(density, start, rng, settings, **in_it)
+    chains = run_ensembles(density, np.concatenate(balls, axis=1), rng, settings, proposal=proposal)
     assert chains.converged, chains.reason
     positive = (chains.theta[:, chains.burn_in :, :, 2:] > 0).astype(float)
     error = math.sqrt(0.21 * autocorrelation_time(positive)[0] / positive.size)

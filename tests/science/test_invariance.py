@@ -11,9 +11,11 @@ import pytest
 from emcee.moves import DESnookerMove
 from scipy import stats
 
+from jointbayes.sampling import Proposal
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.distributions import StudentT
 from jointbayes.sampling.ensemble import EnsembleState, WeightedMove
+from jointbayes.sampling.kernels import Kernels
 from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove, advance
 from tests.science.known_densities import TARGETS
 
@@ -54,12 +56,22 @@ def student_t(coordinates, target):
 
 
 def independence(coordinates, target):
-    return IndependenceMove(coordinates, student_t(coordinates, target))
+    return IndependenceMove(Proposal(student_t(coordinates, target), 1.0, coordinates))
+
+
+def with_kernels(target):
+    """A tenth from two kernels, one of them bent, somewhere else than the rest."""
+    d = len(target.mean)
+    places, bend = target.mean + np.array([[0.5], [-1.0]]), np.zeros((2, 1, 1, d))
+    bend[1, 0, 0, 1:] = 0.3
+    further = Kernels(places, np.tile(np.eye(d), (2, 1, 1)), bend, np.array([0.3, 0.7]))
+    return IndependenceMove(Proposal(student_t(Identity(), target), 1.0, further=further))
 
 
 MOVES = {
     "independence": lambda target: independence(Identity(), target),
     "independence in other coordinates": lambda target: independence(Warp(), target),
+    "independence with further kernels": with_kernels,
     "autoregressive": lambda target: AutoregressiveMove(Identity(), student_t(Identity(), target), 0.6),
     "autoregressive in other coordinates": lambda target: AutoregressiveMove(Warp(), student_t(Warp(), target), 0.9),
     "differential evolution": lambda target: DEMove(Identity()),

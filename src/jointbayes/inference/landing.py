@@ -59,9 +59,9 @@ class Landing:
         return sum(each.evaluations for each in {self._posterior, self._coarse})
 
     def whole(self, theta: Array) -> Array:
-        """All coordinates, shape (n, d), of the free ones, shape (n, f)."""
-        points = np.zeros((len(theta), self._mode.size))
-        points[:, self._free] = theta
+        """All coordinates, shape (..., d), of the free ones, shape (..., f)."""
+        points = np.zeros((*theta.shape[:-1], self._mode.size))
+        points[..., self._free] = theta
         return points
 
     def log_density(self, theta: Array) -> Array:

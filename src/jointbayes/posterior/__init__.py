@@ -3,7 +3,6 @@
 from jointbayes.posterior.checks import PredictiveCheck as PredictiveCheck
 from jointbayes.posterior.diagnosis import diagnose as diagnose
 from jointbayes.posterior.evidence import evidence as evidence
-from jointbayes.posterior.evidence import evidence_about_modes as evidence_about_modes
 from jointbayes.posterior.evidence import nested_evidence as nested_evidence
 from jointbayes.posterior.identifiability import assess as assess
 from jointbayes.posterior.knowledge import Knowledge as Knowledge

@@ -1,22 +1,68 @@
-"""Coordinates of a joint's posterior: in which it is near Gaussian, and whose intervals must be narrowly known."""
+"""Draws from a joint's posterior: coordinates in which it is near Gaussian, and whose ends must be narrowly known."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jointbayes.inference import JointPrior, Problem
+from jointbayes.identification import with_lines_in_groups
+from jointbayes.inference import JointPrior, Landing, Problem
 from jointbayes.joint import ComplianceCoordinates, Parametrisation
-from jointbayes.sampling import ComposedCoordinates, Coordinates, NormalScores, ProductCoordinates, Quantities
-from vibrecords.arrays import Array
+from jointbayes.progress import Budget, Progress
+from jointbayes.sampling import (
+    Chains,
+    ComposedCoordinates,
+    Coordinates,
+    NormalScores,
+    ProductCoordinates,
+    Proposal,
+    Quantities,
+    SamplerSettings,
+    draw,
+)
+from vibrecords.arrays import Array, Indices
 
 
-def coordinate_systems(problem: Problem) -> tuple[Coordinates, ...]:
+def draw_problem(
+    problem: Problem,
+    modes: Array,
+    rng: np.random.Generator,
+    settings: SamplerSettings,
+    tell: Callable[[Progress], object] = lambda _: None,
+    *,
+    free: Indices | None = None,
+    budget: Budget | None = None,
+) -> tuple[Chains, Proposal]:
+    """Draw from the posterior of a problem, see `jointbayes.sampling.draw`.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    modes
+        Modes that are known, shape (m, d).
+    rng, settings, tell, budget
+        As for `draw`.
+    free
+        Columns of θ that are free, those of the joint among them; by default all. The others are held at zero, and the
+        draws have none of them.
+    """
+    columns, judged = np.arange(modes.shape[1]) if free is None else free, judged_quantities(problem.prior)
+    part = Landing(problem.log_posterior, columns, modes[0], with_lines_in_groups(problem).log_posterior)
+    quantities = Quantities(judged.names, lambda theta: judged.values(part.whole(theta)))
+    systems = coordinate_systems(problem, columns)
+    return draw(part, modes[:, columns], rng, settings, tell, systems=systems, quantities=quantities, budget=budget)
+
+
+def coordinate_systems(problem: Problem, free: Indices | None = None) -> tuple[Coordinates, ...]:
     """Coordinates in which the posterior may be near Gaussian: the joint's compliance, and the prior's normal scores.
+
+    Of the columns `free` of θ, those of the joint among them; by default of all.
 
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
     flat but for a ridge, which the joint's coordinates may know how to straighten.
     """
     low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
+    low, high = (low.copy(), high.copy()) if free is None else (low[free], high[free])
     compliance, flat = compliance_and_scores(problem.parametrisation, low, high)
     ridges = problem.parametrisation.ridges
     if not ridges:

@@ -23,31 +23,18 @@ import numpy as np
 
 from jointbayes.progress import Progress, ProgressCallback, tell_nobody
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import (
-    Coordinates,
-    Draws,
-    LogDensity,
-    Proposal,
-    Start,
-    WeightedDraws,
-    fit_proposal,
-    likeliest_mixture,
-)
+from jointbayes.sampling import Coordinates, Draws, LogDensity, fit_proposal
 from jointbayes.sampling.density import Checked
-from jointbayes.sampling.diagnostics import effective_sizes, pareto_k
+from jointbayes.sampling.diagnostics import effective_sizes
 from vibrecords.arrays import Array
 
-Method = Literal["exact", "Laplace", "importance sampling", "bridge sampling", "nested sampling"]
+Method = Literal["exact", "Laplace", "bridge sampling", "nested sampling"]
 
 #: Largest standard error of ln Z with which hypotheses are weighed: 2 ln B is then known to less than a grade.
 LARGEST_ERROR = 0.5
 #: ln Z below the best by Laplace's approximation at which a hypothesis is not drawn from.
 OUT_OF_QUESTION = 100.0
-#: Pareto k of importance weights above which their mean is not trusted.
-PARETO_LIMIT = 0.7
 _PROPOSED = 4000  # draws of each mixture
-_FITTED, _HELD_OUT = 6000, 2000  # draws that a mixture is fitted to, and that choose its coordinates, at most
-_COMPONENTS = 12
 _ROUNDS, _SETTLED = 1000, 1e-9  # of the bridge's fixed point, and the change of ln Z at which it ends
 _LARGEST_RATIO = 100.0  # of ln p/q above its median
 _LIVE = 400
@@ -66,7 +53,7 @@ class Evidence:
         ln of the evidence.
     error : float
         Monte Carlo standard error of ``log_z``; NaN of Laplace's approximation, which knows none.
-    method : {"exact", "Laplace", "importance sampling", "bridge sampling", "nested sampling"}
+    method : {"exact", "Laplace", "bridge sampling", "nested sampling"}
         How it was found; exact where there is no parameter.
     evaluations : int
         Number of evaluations of the density, those of the posterior draws not included.
@@ -88,7 +75,7 @@ def constant_evidence(log_density: LogDensity) -> Evidence:
     return Evidence(float(log_density(np.zeros((1, 0)))[0]), 0.0, "exact", 1)
 
 
-def laplace_evidence(mode: Start, log_posterior: float) -> Evidence:
+def laplace_evidence(mode: tuple[Array, Array], log_posterior: float) -> Evidence:
     """Laplace's approximation from a mode with its covariance and the log density there.
 
     References
@@ -108,7 +95,7 @@ def evidence(
 
     1. Halve the distinct draws by ensembles. A draw that was resampled into both halves goes to one at random.
        Otherwise a mixture would be weighed by draws that it was fitted to, and be too narrow.
-    2. Fit a mixture to one half, in the coordinates in which further draws of this half are the likeliest.
+    2. Fit a mixture to one half.
     3. Weigh draws of the mixture and the other half by both densities, see `_bridge`.
     4. Do the same with the halves exchanged. ln Z is the mean, its error at least half of the difference.
 
@@ -136,12 +123,7 @@ def evidence(
     estimates, errors = [], []
     for fitted_to, weighed_by in ((half, ~half), (~half, half)):
         # 2. fit a mixture to one half
-        chosen = rng.permutation(np.flatnonzero(fitted_to))
-        held_out = min(_HELD_OUT, len(chosen) // 4)
-        coordinates, mixture = likeliest_mixture(
-            systems, theta[chosen[held_out : held_out + _FITTED]], theta[chosen[:held_out]], _COMPONENTS, rng
-        )
-        q = Proposal(mixture, 0.0, 0, coordinates)
+        q = fit_proposal(log_density, systems, theta[fitted_to], rng)
         # 3. weigh draws of the mixture and the other half
         ratio = value - q.log_density(theta)
         ratio = np.minimum(ratio, np.median(ratio) + _LARGEST_RATIO)  # infinite outside the coordinates of q
@@ -189,43 +171,6 @@ def _bridge(here: Array, weight: Array, worth: float, there: Array, proposed: in
     of_over = proposed * float(over @ over) / over.sum() ** 2 - 1
     of_under = float(weight @ under**2) / float(weight @ under) ** 2 - 1
     return log_r, math.sqrt(of_over / proposed + of_under / worth)
-
-
-@one_blas_thread()
-def evidence_about_modes(
-    log_density: LogDensity,
-    systems: Sequence[Coordinates],
-    starts: Sequence[Start],
-    rng: np.random.Generator,
-    draws: int = 20_000,
-) -> tuple[Evidence, WeightedDraws]:
-    """Evidence of a density of which only modes are known, as the mean weight of draws of a fitted mixture.
-
-    Its error is infinite where the weights' Pareto k is above `PARETO_LIMIT`: the mixture then misses a part.
-
-    Parameters
-    ----------
-    log_density, systems, rng
-        As for `evidence`.
-    starts
-        Place and covariance of each mode, the highest first.
-    draws
-        Number of draws.
-
-    References
-    ----------
-    Geweke, J. (1989). Bayesian inference in econometric models using Monte Carlo integration. Econometrica 57(6),
-    1317-1339. DOI 10.2307/1913710
-    """
-    proposal = fit_proposal(log_density, systems, starts, rng)
-    theta, log_weight = proposal.weighted_draws(log_density, rng, draws)
-    weighted = WeightedDraws(theta, log_weight)
-    log_z, error = -math.inf, math.inf
-    if len(theta):
-        log_z = float(np.logaddexp.reduce(log_weight)) - math.log(draws)
-        if pareto_k(log_weight) <= PARETO_LIMIT:
-            error = math.sqrt(max(1 / weighted.effective - 1 / draws, 0.0))
-    return Evidence(log_z, error, "importance sampling", proposal.evaluations + draws), weighted
 
 
 def nested_evidence(

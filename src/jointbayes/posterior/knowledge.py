@@ -2,8 +2,7 @@
 
 What is known when other quantities are uncertain, or are not, is a row each, from draws of its own. The first row is
 the run itself. Every further one belongs to the same density with other quantities free, those left out held at their
-stated values, drawn as for an answer by modes, see `jointbayes.sampling.draws_from_two_origins`. Where this does
-not settle nothing is said.
+stated values. Where its draws do not settle nothing is said.
 
 Bounds on each stiffness say little of all together: "k11 above, k22 above" may be read as a rigid joint that the same
 data exclude. So joints that are rigid, absent or uncoupled are weighed against the sampled one by their evidences, as
@@ -22,11 +21,11 @@ import numpy as np
 import xarray as xr
 
 from jointbayes.errors import JointBayesError, ModelError, require_probability
-from jointbayes.identification import ModeSearch, with_lines_in_groups
-from jointbayes.inference import Landing, Normal, Nuisance, Problem, hypothesis_problem
+from jointbayes.identification import ModeSearch
+from jointbayes.inference import Normal, Nuisance, Problem, hypothesis_problem
 from jointbayes.phrases import IF_MODEL_RIGHT, listed
 from jointbayes.posterior.checks import PredictiveCheck, checks_of
-from jointbayes.posterior.coordinates import by_names, coordinate_systems, judged_quantities
+from jointbayes.posterior.coordinates import by_names, coordinate_systems, draw_problem
 from jointbayes.posterior.decision import premises_of
 from jointbayes.posterior.diagnosis import Diagnosis
 from jointbayes.posterior.directions import NamedDirection, name_directions, summary_sentence
@@ -34,7 +33,6 @@ from jointbayes.posterior.evidence import (
     OUT_OF_QUESTION,
     constant_evidence,
     evidence,
-    evidence_about_modes,
     laplace_evidence,
 )
 from jointbayes.posterior.evidence_table import odds
@@ -49,11 +47,12 @@ from jointbayes.posterior.verdicts import MOST_UNKNOWNS, conclude, judge_stiffne
 from jointbayes.posterior.what_decides import WhatDecides, what_decides
 from jointbayes.progress import Budget
 from jointbayes.reproducibility import one_blas_thread
-from jointbayes.sampling import Draws, Quantities, draws_from_two_origins, quantile_spread
+from jointbayes.sampling import Draws, SamplerSettings, quantile_spread
 from jointbayes.stored_values import StoredArray
 from jointbayes.verdict_rule import VerdictRule
 
-Source = Literal["this run", "importance sampling", "none"]
+#: Where draws come from; by importance sampling only in files of before November 2026.
+Source = Literal["this run", "sampling", "importance sampling", "none"]
 #: An interval that is wider, or whose ends lie further out, by more than this share of its width is another one.
 LARGEST_CHANGE = 0.5
 _REGION_DRAWS = 4000
@@ -257,26 +256,21 @@ def _row(
     """
     held = set(uncertain_quantities(problem)) - set(uncertain)
     free = np.array([i for i, name in enumerate(problem.names) if name not in held])
-    names, judged = [problem.names[i] for i in free], judged_quantities(problem.prior)
-    estimate = posterior.estimate
+    estimate, none = posterior.estimate, UncertainInputsRow(uncertain, "none", {})
     found = np.array([mode.theta for mode in estimate.modes or [estimate]])
     modes = by_names(found, posterior.problem.names, problem.names)
     if problem.log_posterior.likelihood.n_data * free.size > _AFFORDABLE:
-        return UncertainInputsRow(uncertain, "none", {})
-    part = Landing(problem.log_posterior, free, modes[0], with_lines_in_groups(problem).log_posterior)
+        return none
+    settings = SamplerSettings().for_dimension(free.size).for_one_of_many()
     try:
-        sample = draws_from_two_origins(
-            part,
-            by_names(modes, problem.names, names),
-            rng,
-            Quantities(judged.names, lambda t: judged.values(part.whole(t))),
-            budget=budget,
-        )
+        chains, _ = draw_problem(problem, modes, rng, settings, free=free, budget=budget)
     except (JointBayesError, np.linalg.LinAlgError):
-        sample = None
-    if sample is None or not sample.settled:
-        return UncertainInputsRow(uncertain, "none", {})
-    theta, effective = part.whole(sample.theta), sample.effective
+        return none
+    if not chains.converged:
+        return none
+    draws, effective = chains.draws().theta.reshape(-1, free.size), chains.worth
+    theta = np.zeros((len(draws), len(problem.names)))
+    theta[:, free] = draws
     values = problem.prior.values(theta)
     region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
     known = {}
@@ -284,7 +278,7 @@ def _row(
         error = partial(quantile_spread, column, effective=effective)
         drawn = assess(column, posterior.prior_values(name), error, posterior.unit(name), rule_of(posterior, name))
         known[name] = conclude(posterior, name, drawn, theta, region)
-    return UncertainInputsRow(uncertain, "importance sampling", known, values[:: -(-len(theta) // _KEPT)])
+    return UncertainInputsRow(uncertain, "sampling", known, values[:: -(-len(theta) // _KEPT)])
 
 
 def workshop_of(posterior: Sampled) -> Problem | None:
@@ -447,7 +441,7 @@ def effect_sentence(rows: Sequence[UncertainInputsRow]) -> str:
 #: most one of 1000 tests of such a joint.
 EXCLUDED = 2 * math.log(1000)
 _TRIED_SIMPLER = 100  # draws of the run from which a search for a simpler joint starts
-_CLIMBED, _DRAWS_OF_SIMPLER = 3, 4000  # of these, and draws about the modes
+_CLIMBED = 3  # of these
 _LARGEST, _TOLD = 1e9, 2 * math.log(1e6)  # 2 ln B that is kept at most, and told
 _SIMPLER = {"rigid": "rigid", "absent": "absent", "springs": "uncoupled"}  # hypotheses by what they are called
 
@@ -503,8 +497,7 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
 
     1. Find ln Z of the run from its draws.
     2. Climb to the mode of each simpler joint from the draws, with everything else fitted again.
-    3. Find its ln Z: by Laplace's approximation where it is out of the question, or of many unknowns, else by draws
-       about the modes.
+    3. Find its ln Z: by Laplace's approximation where it is out of the question, or of many unknowns, else by draws.
     """
     problem, joints = posterior.problem, known_by_bounds(posterior) if posterior.converged else ()
     if not joints or problem.parametrisation.damped or problem.extra_log_likelihood is not None:
@@ -533,8 +526,9 @@ def weighed_joints(posterior: Sampled) -> tuple[SimplerJoint, ...]:
             # 3. its evidence
             found = laplace_evidence(estimate.starts_for_draws[0], estimate.log_posterior)
             if found.log_z > run.log_z - OUT_OF_QUESTION and len(problem.names) <= MOST_UNKNOWNS:
-                about = coordinate_systems(other), estimate.starts_for_draws, rng, _DRAWS_OF_SIMPLER
-                found, _ = evidence_about_modes(density, *about)
+                settings = SamplerSettings().for_dimension(len(other.names)).for_one_of_many()
+                chains, _ = draw_problem(other, estimate.places, rng, settings)
+                found = evidence(density, coordinate_systems(other), chains.draws(), rng)
         against = SimplerJoint(joint, kind, float(np.clip(2 * (run.log_z - found.log_z), -_LARGEST, _LARGEST)))
         # draws that miss a part make its evidence too small: it is then not excluded
         simpler += [against] if found.trusted or not against.excluded else []

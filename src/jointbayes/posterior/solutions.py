@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from jointbayes.phrases import Because, Reason
 from jointbayes.posterior.sampled import Sampled, once
 from jointbayes.rounding import join_unit, rounded, rounded_interval
-from jointbayes.sampling import INTERVAL, SeveralModes, quantile_spread
+from jointbayes.sampling import INTERVAL, quantile_spread
+from jointbayes.sampling.density import covariance_roots
 from vibrecords.arrays import Array
 
 #: A solution with less of the probability lies outside every 95 % interval.
 LEAST_SHARE = 0.025
 #: Between two solutions draws are this much sparser than in the sparser of the two: halves of one ridge are not.
 _VALLEY = 0.3
+_LEAST_CORRELATED = 1e-10  # eigenvalue of the correlations of a mode's covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +41,17 @@ class Solutions:
 
     def __init__(self, posterior: Sampled) -> None:
         self._posterior, starts = posterior, posterior.estimate.starts_for_draws
-        self._modes = SeveralModes.from_starts(starts) if len(starts) > 1 else None
+        self._modes = [(place, covariance_roots(covariance, _LEAST_CORRELATED)) for place, covariance in starts]
         self._nearest = self.nearest(posterior.theta)
         #: Share of the draws of each mode.
         self.shares = np.bincount(self._nearest, minlength=len(starts)) / len(self._nearest)
 
     def nearest(self, theta: Array) -> NDArray[np.intp]:
-        """Number of the mode nearest to each point θ, shape (n, d)."""
-        return np.zeros(len(theta), dtype=np.intp) if self._modes is None else self._modes.nearest(theta)
+        """Number of the mode nearest to each point θ, shape (n, d), in standard deviations about each."""
+        if len(self._modes) == 1:
+            return np.zeros(len(theta), dtype=np.intp)
+        away = [np.linalg.solve(root, (theta - place).T) for place, root in self._modes]
+        return np.asarray(np.argmin([(z**2).sum(axis=0) for z in away], axis=0))
 
     def _draws(self, name: str, modes: list[int]) -> Array:
         return self._posterior.values(name).ravel()[np.isin(self._nearest, modes)]

@@ -1,12 +1,12 @@
 """The steps of a run: those made so far, what the checks found, and what the run leaves behind."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from jointbayes.progress import Progress
-from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.ensemble import Advance, EnsembleState, MoveCount, SamplerSettings, StepBlock, Streams
 from jointbayes.sampling.stopping import (
     Check,
@@ -128,6 +128,12 @@ class Chains:
         ensembles, held, walkers, _ = self.theta.shape
         return ensembles * (held - self.held_burn_in) * walkers / (self.tau / self.every)
 
+    @property
+    def worth(self) -> float:
+        """Fewest independent draws that an end of a 95 % interval is worth; NaN where the ends were not looked at."""
+        error, (ensembles, _, walkers, _) = self.history[-1].end_error, self.theta.shape
+        return math.nan if error is None else ensembles * walkers * self.history[-1].kept / error.tau
+
     def draws(self, *, thinned: bool = True) -> Draws:
         """Return the draws after burn-in.
 
@@ -219,15 +225,13 @@ class Stage:
             held.append(np.stack(block))
         self.every = every
 
-    def check_if_due(
-        self, settings: SamplerSettings, quantities: Quantities | None, modes: SeveralModes | None = None
-    ) -> StopDecision:
+    def check_if_due(self, settings: SamplerSettings, quantities: Quantities | None) -> StopDecision:
         """Look at all steps so far, where the time has come, and return what the stop rule says of them."""
         last = self.checks[-1].step if self.checks else 0
         if self.step != next_check(last, settings):
             return StopDecision(converged=False, reason="")
         theta = np.concatenate(self.theta, axis=1)
-        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, self.every, self.step, modes))
+        self.checks.append(diagnose(theta, self.checks[-1] if self.checks else None, self.every, self.step))
         self.checks[-1] = add_end_error(settings, self.checks, theta, quantities, self.every)
         return judge(settings, self.checks)
 

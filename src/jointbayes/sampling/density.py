@@ -1,14 +1,13 @@
-"""What this room knows of a posterior: its log-density, the way uphill, and where its modes are."""
+"""What this room knows of a posterior: its log-density, and the way uphill."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from jointbayes.errors import SamplingError
-from vibrecords.arrays import Array, Indices
+from vibrecords.arrays import Array
 
 LogDensity = Callable[[Array], Array]
 """Log of an unnormalised density: (n, d) points to (n,) values, −inf where the density is zero."""
@@ -134,68 +133,3 @@ def covariance_roots(covariance: Array, least: float) -> Array:
     sd[sd == 0.0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
     return sd[:, None] * vectors * np.sqrt(np.maximum(values, least))
-
-
-_LEAST_CORRELATED = 1e-10  # eigenvalue of the correlations of a covariance
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeveralModes:
-    """Modes of a density, see `SeveralModes.from_starts`.
-
-    Parameters
-    ----------
-    centres
-        Shape (m, d).
-    factors
-        Cholesky factor of the covariance about each, shape (m, d, d).
-    maps
-        Matrix that carries a distance from mode i over to mode j, shape (m, m, d, d): its covariance becomes j's.
-    """
-
-    centres: Array
-    factors: Array
-    maps: Array
-
-    @classmethod
-    def from_starts(cls, starts: Sequence[tuple[Array, Array]], images: Array | None = None) -> Self:
-        """From place and covariance of each.
-
-        Parameters
-        ----------
-        starts
-            Place, shape (d,), and covariance, shape (d, d), of each mode.
-        images
-            Orthogonal matrices, shape (n, d, d), of which one may take a mode to another: an exchange of like
-            quantities. Each pair of modes is joined by that which brings the one nearest to the other, or by none, so
-            that of exact images the map is the exchange itself.
-        """
-        centres = np.array([place for place, _ in starts])
-        roots = [covariance_roots(np.asarray(covariance, dtype=float), _LEAST_CORRELATED) for _, covariance in starts]
-        factors = np.asarray(np.linalg.cholesky([root @ root.T for root in roots]), dtype=np.float64)
-        count, d = centres.shape
-        whole = np.eye(d)[None] if images is None else np.concatenate([np.eye(d)[None], images])
-        maps = np.empty((count, count, d, d))
-        for i in range(count):
-            covariances = whole @ factors[i] @ factors[i].T @ whole.swapaxes(1, 2)
-            for j in range(i, count):
-                distance = np.linalg.solve(factors[j], (whole @ centres[i] - centres[j]).T)
-                best = int(np.argmin((distance**2).sum(axis=0)))
-                maps[i, j] = factors[j] @ np.linalg.solve(np.linalg.cholesky(covariances[best]), whole[best])
-                maps[j, i] = np.linalg.inv(maps[i, j])
-        return cls(centres, factors, maps)
-
-    def nearest(self, theta: Array) -> Indices:
-        """Number of the mode nearest to each point θ, shape (..., d), in its own covariance, shape (...)."""
-        away = [np.linalg.inv(f) @ (theta - c)[..., None] for c, f in zip(self.centres, self.factors, strict=True)]
-        return np.asarray(np.argmin([(z**2).sum((-2, -1)) for z in away], axis=0))
-
-    def membership(self, theta: Array) -> Array:
-        """1 for the mode nearest to each draw, 0 for the others, shape (..., m)."""
-        return np.asarray(self.nearest(theta)[..., None] == np.arange(len(self.centres)), dtype=float)
-
-    def carried(self, theta: Array, here: Indices, there: Indices) -> tuple[Array, Array]:
-        """Points θ, shape (n, d), carried from modes to others, and ln |∂θ'/∂θ|, shape (n,)."""
-        moved = self.centres[there] + np.einsum("nij,nj->ni", self.maps[here, there], theta - self.centres[here])
-        size = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
-        return moved, size[there] - size[here]

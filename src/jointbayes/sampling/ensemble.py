@@ -99,14 +99,14 @@ class SamplerSettings:
         return Budget.usual(dimension) if self.max_evaluations is None else Budget(self.max_evaluations)
 
     def for_one_of_many(self, *, full: bool = False) -> "SamplerSettings":
-        """The same for one of many analyses: a stop rule that asks for some 4000 effective draws.
+        """The same for one of many analyses: a stop rule that asks for some 2000 effective draws.
 
         The ends of a 95 % credible interval are then known to 5 % of its half width, where a run of its own asks for
         2 %; it takes half of the time or less. With `full` the stop rule stays the rule of a whole run.
         """
         if full:
             return self
-        return replace(self, check_every=25, tau_factor=20.0, tau_tolerance=0.05, end_tolerance=0.05)
+        return replace(self, check_every=25, tau_factor=10.0, tau_tolerance=0.1, end_tolerance=0.05)
 
     def for_dimension(self, dimension: int) -> "SamplerSettings":
         """The same with as many walkers as a density of so many parameters needs, if it has fewer.

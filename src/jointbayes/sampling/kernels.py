@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointbayes.sampling.distributions import log_peak
+from jointbayes.sampling.distributions import StudentT, log_peak
 from vibrecords.arrays import Array, Flags
 
 _DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
 #: Lengths of its widest axis from a kernel: what lies there is no other part of a density. A Gaussian of d dimensions
 #: lies √d lengths from its middle, and no more than this beyond.
 _CLOSE, _BEYOND = 4.0, 2.0
+_AT_ONCE, _IN_MEMORY = 50_000, 10_000_000  # numbers of an array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,27 +55,32 @@ class Kernels:
         for name, array in derived.items():
             object.__setattr__(self, name, array)
 
-    def draw(self, rng: np.random.Generator, n: int) -> Array:
+    def draw(self, random: np.random.Generator | np.random.RandomState, n: int) -> Array:
         """Independent draws, shape (n, d)."""
         d, t = self.places.shape[1], self.bend.shape[1]
-        which = rng.choice(len(self.places), n, p=self.weights)
-        z = rng.standard_normal((n, d)) / np.sqrt(rng.chisquare(_DOF, n) / _DOF)[:, None]
+        which = random.choice(len(self.places), n, p=self.weights)
+        z = random.standard_normal((n, d)) / np.sqrt(random.chisquare(_DOF, n) / _DOF)[:, None]
         bent = np.einsum("na,nb,nabd->nd", z[:, :t], z[:, :t], self.bend[which]) / 2
         return self.places[which] + np.einsum("nij,nj->ni", self.axes[which], z) + bent
 
     def log_densities(self, theta: Array) -> Array:
         """Log of the normalised density of each kernel, without its weight, shape (k, n), at θ, shape (n, d)."""
-        (k, d), t, squared = self.places.shape, self.bend.shape[1], np.empty((len(self.places), len(theta)))
-        columns, (first, second) = np.ascontiguousarray(theta.T), np.triu_indices(t)
-        for number in range(k):
-            z = self._into[number] @ (columns - self.places[number][:, None])
-            z[t:] -= self._bent[number, t:] @ (z[first] * z[second])
-            squared[number] = np.einsum("ij,ij->j", z, z)
-        return np.asarray(self._log_peaks[:, None] - (_DOF + d) / 2 * np.log1p(squared / _DOF))
+        (k, d), t = self.places.shape, self.bend.shape[1]
+        first, second = np.triu_indices(t)
+        squared = np.empty((k, len(theta)))
+        # few of many at a time, which stay in the processor's cache
+        for some in np.array_split(np.arange(k), min(k, 1 + k * len(theta) * d // _AT_ONCE)):
+            z = self._into[some] @ (theta.T - self.places[some][:, :, None])
+            if t:
+                z[:, t:] -= self._bent[some, t:] @ (z[:, first] * z[:, second])
+            np.einsum("kin,kin->kn", z, z, out=squared[some[0] : some[-1] + 1])
+        squared /= _DOF
+        return np.asarray(self._log_peaks[:, None] - (_DOF + d) / 2 * np.log1p(squared, out=squared))
 
     def log_density(self, theta: Array) -> Array:
         """Log of the normalised density, shape (n,), at θ, shape (n, d)."""
-        return self.mixed(self.log_densities(theta))
+        parts = np.array_split(theta, 1 + len(theta) * len(self.places) // _IN_MEMORY)
+        return np.concatenate([self.mixed(self.log_densities(part)) for part in parts])
 
     def mixed(self, log_densities: Array) -> Array:
         """Log of the mixture's density, shape (n,), from the log densities of its kernels, shape (k, n)."""
@@ -99,3 +105,10 @@ class Kernels:
         places = np.concatenate([self.places, other.places])
         axes, bend = np.concatenate([self.axes, other.axes]), np.concatenate([self.bend, other.bend])
         return Kernels(places, axes, bend, weights)
+
+    @property
+    def whole(self) -> StudentT:
+        """One Student-t as wide as all of these."""
+        away = self.places - self.weights @ self.places
+        scale = np.einsum("k,kij,klj->il", self.weights, self.axes, self.axes) + (away.T * self.weights) @ away
+        return StudentT(self.weights @ self.places, scale, _DOF)

@@ -1,5 +1,6 @@
 """Place walkers and run their ensembles until they agree; they learn from their first steps what to propose."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,10 +13,11 @@ from jointbayes.progress import Budget, Progress, ProgressCallback
 from jointbayes.sampling.chains import Chains, Stage
 from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.distributions import GOOD_MIXTURE, drawn_without_replacement, good_efficiency, truncated
 from jointbayes.sampling.ensemble import EnsembleState, SamplerSettings, Streams, WeightedMove
-from jointbayes.sampling.proposal import DRAWS_OF_A_FIT, Proposal, Start, refit_proposal
-from jointbayes.sampling.stopping import Check, Quantities, StopDecision
+from jointbayes.sampling.kernels import Kernels
+from jointbayes.sampling.origins import RESEMBLES, Ground, adapted, kernels_at, seen_by_one, two_origins
+from jointbayes.sampling.proposal import Proposal, fit_proposal
+from jointbayes.sampling.stopping import ALONE, SEEN_BY_ONE, Check, Quantities, StopDecision
 from vibrecords.arrays import Array
 
 ADAPTED_SHARE = 0.8  # of the local moves; the plain rest explores where the coordinates do not help
@@ -25,86 +27,6 @@ USELESS = 0.1  # up to here it has none
 MANY_DIMENSIONS = 16  # from here on even a good fit is hardly ever accepted as a whole, but part of the way to it is
 PARTIAL_SHARE = 0.8  # of the local moves there
 KEPT = (0.6, 0.9)  # shares of the way that are kept
-JUMP_SHARE = 0.1  # of all moves, where there are several modes
-_DRAWS = 4000  # of the proposal, among which replacements are looked for
-
-
-def starting_walkers(
-    starts: Sequence[Start],
-    log_prior: LogDensity,
-    settings: SamplerSettings,
-    rng: np.random.Generator,
-    shares: Array | None = None,
-) -> Array:
-    """Starting points from the Laplace approximation, shape (ensembles, walkers, d), all inside the prior's support.
-
-    From several modes each ensemble has walkers about every one of them, as far as they go round.
-    Near a corner of the support, where hardly a draw lies inside, the approximation is narrowed until enough do.
-
-    Parameters
-    ----------
-    starts
-        Place and covariance of every mode, the highest first.
-    log_prior
-        Log density of the prior: −inf outside its support.
-    settings
-        How many walkers and ensembles.
-    rng
-        The run's generator.
-    shares
-        Of the walkers, for each mode; by default alike.
-
-    Raises
-    ------
-    SamplingError
-        If too few draws about a mode lie inside the support.
-    """
-    balls = []
-    counts = _counts(np.ones(len(starts)) / len(starts) if shares is None else shares, settings.walkers)
-    for (theta, covariance), walkers in zip(starts, counts, strict=True):
-        wanted = settings.ensembles * walkers
-        inside: list[Array] = []
-        for trial in range(200):
-            narrower = covariance * 0.5 ** max(0, trial - 19)
-            ball = rng.multivariate_normal(theta, narrower, size=wanted)
-            inside.extend(ball[np.isfinite(log_prior(ball))])
-            if len(inside) >= wanted:
-                break
-        else:
-            raise SamplingError(
-                f"start: found only {len(inside)} of {wanted} starting points where the prior is above zero; "
-                "expected a mode inside the prior's support; widen the priors"
-            )
-        balls.append(np.array(inside[:wanted]).reshape(settings.ensembles, walkers, -1))
-    return np.concatenate(balls, axis=1)
-
-
-def _counts(shares: Array, walkers: int) -> list[int]:
-    """Walkers about each mode: one, as far as they go round, and the others where most are missing to its share."""
-    counts = (np.arange(len(shares)) < walkers).astype(int)
-    for _ in range(walkers - counts.sum()):
-        counts[np.argmax(shares * walkers - counts)] += 1
-    return [int(count) for count in counts]
-
-
-def replace_far_walkers(
-    start: Array, log_density: LogDensity, least: float, proposal: Proposal, rng: np.random.Generator
-) -> Array:
-    """Starting points of which those with a log density below `least` are replaced by draws from the proposal.
-
-    Where a posterior is thin and curved its Laplace approximation misses most of it, and a walker that
-    starts there may take thousands of steps to come in. The draws are chosen in proportion to their truncated
-    importance weights, none twice.
-    """
-    flat = start.reshape(-1, start.shape[-1])
-    outside = np.flatnonzero(log_density(flat) < least)
-    if not outside.size:
-        return start
-    theta, log_weight = proposal.weighted_draws(log_density, rng, _DRAWS)
-    order = drawn_without_replacement(truncated(log_weight, _DRAWS), outside.size, rng)
-    replaced = flat.copy()
-    replaced[outside[: order.size]] = theta[order]
-    return replaced.reshape(start.shape)
 
 
 def independence_share(efficiency: float) -> float:
@@ -122,9 +44,7 @@ def independence_share(efficiency: float) -> float:
     return LARGEST_SHARE * min(1.0, max(0.0, efficiency - USELESS) / (GOOD_EFFICIENCY - USELESS))
 
 
-def weighted_moves(
-    coordinates: Coordinates | None = None, proposal: Proposal | None = None
-) -> tuple[WeightedMove, ...]:
+def weighted_moves(proposal: Proposal | None = None) -> tuple[WeightedMove, ...]:
     """Weighted moves of an ensemble.
 
     With a proposal that is close to the posterior most steps are independence moves. The rest are local.
@@ -133,15 +53,12 @@ def weighted_moves(
     sixth to a half of τ of stretch moves alone). The full step (gamma0 = 1) carries walkers from one mode to
     another. A tenth of stretch moves varies the step length, which is fixed in the other two, for densities whose
     width changes from place to place, and costs little. With coordinates most of these moves are made in them, and
-    the others remain for densities that are no closer to a Gaussian there. Where the proposal is one of several modes a
-    tenth of what is left carries walkers from one to another.
+    the others remain for densities that are no closer to a Gaussian there.
 
     Parameters
     ----------
-    coordinates : Coordinates, optional
-        Coordinates in which the density is closer to a Gaussian.
     proposal : Proposal, optional
-        Fitted approximation of the density, in coordinates of its own.
+        Fitted approximation of the density, in coordinates in which it is closer to a Gaussian.
 
     Returns
     -------
@@ -149,7 +66,7 @@ def weighted_moves(
         Their weights sum to 1.
     """
     # emcee takes a while to import, and reading the settings does not need it
-    from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove, JumpMove
+    from jointbayes.sampling.moves import AutoregressiveMove, DEMove, HalvesStretchMove, IndependenceMove
 
     def steps(where: Coordinates, small: float, name: str = "") -> list[WeightedMove]:
         full = DEMove(where, gamma0=1.0)
@@ -159,22 +76,25 @@ def weighted_moves(
         ]
 
     local = [*steps(Identity(), 0.8), WeightedMove("stretch", HalvesStretchMove(), 0.1)]
-    if coordinates is not None:
-        adapted = steps(coordinates, 0.9, ", adapted coordinates")
+    if proposal is not None:
+        adapted = steps(proposal.coordinates, 0.9, ", adapted coordinates")
         local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
-    if proposal is not None and proposal.dimension >= MANY_DIMENSIONS:
-        fitted, where = proposal.whole, proposal.likeliest.coordinates
+    if proposal is not None and proposal.whole.mean.size >= MANY_DIMENSIONS:
         partial = [
-            WeightedMove(f"autoregressive, {kept:g} kept", AutoregressiveMove(where, fitted, kept), 0.5)
+            WeightedMove(
+                f"autoregressive, {kept:g} kept", AutoregressiveMove(proposal.coordinates, proposal.whole, kept), 0.5
+            )
             for kept in KEPT
         ]
         local = _share(partial, PARTIAL_SHARE) + _share(local, 1 - PARTIAL_SHARE)
-    if proposal is not None and proposal.modes is not None:
-        local = [WeightedMove("between modes", JumpMove(proposal.modes), JUMP_SHARE), *_share(local, 1 - JUMP_SHARE)]
-    share = 0.0 if proposal is None else independence_share(proposal.efficiency)
-    if proposal is None or share == 0.0:
+    if proposal is None:
         return tuple(local)
-    independence = WeightedMove("independence", IndependenceMove(proposal.coordinates, proposal.density), share)
+    # local moves hardly move a walker on what takes many kernels: a sheet that is thin
+    on_sheet = isinstance(proposal.density, Kernels)
+    share = LARGEST_SHARE if on_sheet else independence_share(proposal.efficiency)
+    if share == 0.0:
+        return tuple(local)
+    independence = WeightedMove("independence", IndependenceMove(proposal), share)
     return (independence, *_share(local, 1 - share))
 
 
@@ -231,12 +151,14 @@ def initial_states(
 #: Steps of each stage, and τ of a run that mixes slowly: after a stage it starts again from where it stands, with a
 #: proposal fitted to its draws. Most runs converge within 300 steps. The last stage has all steps that are left.
 _STAGES = (500, 1000, 2000, 4000)
-_SLOW_TAU = 20.0
-#: Before these, where the first proposal is not good: each reaches a little further out from what the last one found.
-_EXPLORING = (200, 200, 200, 200)
-_HALF = 0.3  # efficiency that stands for half independence moves, half local ones
-_STATED = 0.5  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
-_FAR = 100.0  # ln of an importance weight that is as good as infinite
+_SLOW_TAU = 50.0
+#: A mixture of less efficiency is no better than kernels, which then have further rounds of draws.
+_POOR, _FURTHER, _DRAWS = 0.1, 10, 4000
+_MOST_FURTHER = 300  # kernels that are added to a proposal at a time
+_OF_ORIGINS = 0.1  # of the budget, after which the origins must do with what they have
+_STATED = 0.25  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
+_LOOKED_AT = 5000
+_UNCONFIRMED = "no climb from the prior came down on them, so that no second origin confirms that these are all"
 
 
 def _never_slow(_: Check) -> bool:
@@ -255,7 +177,6 @@ def run_ensembles(
     settings: SamplerSettings,
     progress: ProgressCallback | None = None,
     *,
-    coordinates: Coordinates | None = None,
     proposal: Proposal | None = None,
     quantities: Quantities | None = None,
     is_slow: Callable[[Check], bool] = _never_slow,
@@ -276,11 +197,9 @@ def run_ensembles(
         Size, length and stop rule.
     progress : callable, optional
         Called with a :class:`Progress` after each block.
-    coordinates : Coordinates, optional
-        Coordinates in which the density is closer to a Gaussian: most moves are then made in these.
     proposal : Proposal, optional
-        Approximation of the density in coordinates of its own, from :func:`fit_proposal`; the better it is, the
-        more of the steps are proposed from it.
+        Approximation of the density, from :func:`fit_proposal`; the better it is, the more of the steps are proposed
+        from it. Most of the others are made in its coordinates.
     quantities : Quantities, optional
         What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
     is_slow : callable, optional
@@ -313,7 +232,7 @@ def run_ensembles(
     stage, states = Stage(), initial_states(log_density, start, settings, first=streams.stage == 0)
     decision, began = StopDecision(converged=False, reason=""), time.perf_counter()
     budget = budget or settings.budget(start.shape[-1])
-    advance_one = partial(advance, log_density, moves=weighted_moves(coordinates, proposal))
+    advance_one = partial(advance, log_density, moves=weighted_moves(proposal))
 
     def is_done() -> bool:
         if decision.converged or stage.step >= settings.max_steps:
@@ -325,7 +244,7 @@ def run_ensembles(
     while not is_done():
         before, states = stage.step, stage.extend(advance_one, states, streams, settings)
         budget.spend((stage.step - before) * settings.ensembles * settings.walkers)
-        decision = stage.check_if_due(settings, quantities, proposal.modes if proposal else None)
+        decision = stage.check_if_due(settings, quantities)
         if progress is not None:
             progress(stage.report(settings, decision, time.perf_counter() - began))
     if not decision.converged and stage.step < settings.max_steps and budget.is_spent:
@@ -333,106 +252,134 @@ def run_ensembles(
     return stage.chains(settings, decision, time.perf_counter() - began)
 
 
-def run_adapted(
-    log_density: LogDensity,
-    start: Array,
+# a draw from a heavy tail may be a stiffness that no number holds, where the density is zero
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def draw(
+    ground: Ground,
+    modes: Array,
     rng: np.random.Generator,
     settings: SamplerSettings,
-    progress: ProgressCallback | None = None,
+    tell: Callable[[Progress], object] = lambda _: None,
     *,
     systems: Sequence[Coordinates],
-    proposal: Proposal,
     quantities: Quantities | None = None,
+    budget: Budget | None = None,
 ) -> tuple[Chains, Proposal]:
-    """Run ensembles as :func:`run_ensembles` does, and fit the proposal again where they are slow to converge.
+    """Draw from a density: the one way in which this program does. Return the steps, and the last proposal.
 
-    A proposal that was fitted without knowing the posterior may miss a part of it. A walker there is hardly ever
-    moved by the independence move, and τ is hundreds of steps. Where τ is above 20 after 500 steps a proposal is
-    fitted to the draws, which do reach that part; after 1000 more again, and so on. Each time the steps made so far
-    become burn-in: moves never change while steps are made that count, so that the posterior stays invariant.
-
-    A long thin tail may be missed altogether, by the proposal, by its own draws, from which its efficiency is known,
-    and by a short run of steps that are proposed from it: all look good, and the ends of intervals are wrong. So a
-    proposal that would serve for most steps although its fit never became good first serves in four stages of 200
-    steps, for half of them. The others are local moves, which reach a little beyond what it covers, and the proposal
-    is fitted to these draws each time. And a run that has converged is looked at once more: where its draws find the
-    proposal less than half as efficient as it is stated to be, there is another stage, with a proposal fitted to them.
-    A run with a good proposal and of shorter τ is the same, bit for bit, as one of :func:`run_ensembles`.
+    1. Two origins look for the density, and know nothing of each other: see `two_origins`.
+    2. A proposal is fitted to what both have found.
+    3. Half of the ensembles start from draws of each origin.
+    4. Ensembles move until they meet the stop rule. Where they mix slowly, or have found a part that the proposal
+       misses, a proposal is fitted to their draws: after 500 steps, after 1000 more, and so on. Each time the steps
+       made so far become burn-in: moves never change while steps are made that count.
+    5. What one origin only has found must be less than `ALONE`.
 
     Parameters
     ----------
-    log_density, start, rng, settings, progress, quantities
-        As for :func:`run_ensembles`; `settings.max_steps` is the limit of all steps together.
-    systems : sequence of Coordinates
-        Coordinates to choose from for the new proposal.
-    proposal : Proposal
-        The first.
-
-    Returns
-    -------
-    chains, proposal
-        Of the last stage; `chains.discarded` counts the steps before it.
+    ground
+        The density, and the way down to it.
+    modes
+        Modes that are known, shape (m, d).
+    rng
+        Source of all randomness.
+    settings
+        Size, length and stop rule; `max_steps` is the limit of all steps together.
+    tell
+        Called with the progress after each block of steps.
+    systems
+        Coordinates to choose from for the proposal.
+    quantities
+        What the stop rule's bound on the errors of interval ends is applied to; by default each coordinate of θ.
+    budget
+        Evaluations of the density; by default those of the settings.
 
     References
     ----------
     C. Andrieu, J. Thoms, A tutorial on adaptive MCMC (2008), section 4.1, DOI 10.1007/s11222-008-9110-y.
     """
-    discarded, evaluations, seconds = 0, 0, 0.0
-    streams, budget = Streams.from_generator(rng), settings.budget(start.shape[-1])
-    explores = _HALF < proposal.efficiency < GOOD_MIXTURE * good_efficiency(proposal.dimension)
-    for number, stage in enumerate((*(_EXPLORING if explores else ()), *_STAGES, None)):
-        streams = streams.with_stage(number)
-        left = settings.max_steps - discarded
-        # what is left must be enough for a stage of its own
-        last = left - max(2 * settings.check_every, (stage or 0) // 2)
+    streams, density, began = Streams.from_generator(rng), ground.log_density, time.perf_counter()
+    budget, begun = budget or settings.budget(modes.shape[1]), ground.evaluations
+    # 1. two origins
+    needed, most = settings.ensembles * settings.walkers, budget.spent + _OF_ORIGINS * budget.most
+    looking, charge = partial(Progress, "preparing the sampling"), budget.watch(lambda: ground.evaluations)
+
+    def is_enough() -> bool:
+        return charge() or budget.spent > most
+
+    tell(looking())
+    found = two_origins(ground, modes, rng, needed, tell=lambda text: tell(looking(text)), is_spent=is_enough)
+    # 2. a proposal
+    proposal = fit_proposal(density, systems, found.theta, streams.refit())
+    if proposal.efficiency < min(_POOR, found.efficiency):
+        kernels = found.kernels[0].joined(found.kernels[-1], 0.5)
+        proposal = Proposal(*adapted(ground, kernels, rng, most=_FURTHER, n=_DRAWS))
+    proposal = _reaching(ground, proposal, found.places, found.kernels, rng)
+    charge()
+    # 3. walkers
+    shares = np.array_split(np.arange(needed), len(found.starts))
+    start = np.concatenate([places[: len(share)] for places, share in zip(found.starts, shares, strict=True)])
+    start = start.reshape(settings.ensembles, settings.walkers, -1)
+    tell(Progress("sampling"))
+    # 4. stages
+    discarded, seconds = 0, 0.0
+    for number, steps in enumerate((*_STAGES, None), 1):
+        left, offset = settings.max_steps - discarded, discarded
+        last = left - max(2 * settings.check_every, (steps or 0) // 2)  # what is left is enough for one more
         chains = run_ensembles(
-            log_density,
+            density,
             start,
-            streams,
+            streams.with_stage(number),
             replace(settings, max_steps=left),
-            progress and _counted_on(progress, discarded, settings.max_steps, seconds),
-            coordinates=proposal.likeliest.coordinates,
-            proposal=replace(proposal, efficiency=_HALF) if explores else proposal,
+            lambda now: tell(_counted_on(now, offset, settings.max_steps, time.perf_counter() - began)),  # noqa: B023
+            proposal=proposal,
             quantities=quantities,
-            is_slow=_slow_between(stage, last, 0.0 if explores else _SLOW_TAU) if stage else _never_slow,
+            is_slow=_slow_between(steps, last, _SLOW_TAU) if steps else _never_slow,
             budget=budget,
         )
-        evaluations, seconds = evaluations + chains.evaluations, seconds + chains.seconds
-        again = chains.converged and stage is not None and chains.steps <= last and _misses_mass(proposal, chains)
-        if chains.steps == left or (chains.converged and not again) or budget.is_spent:
+        seconds += chains.seconds
+        kept = chains.theta[:, chains.held_burn_in :]
+        draws, value = kept.reshape(-1, kept.shape[-1]), chains.log_density[:, chains.held_burn_in :].ravel()
+        some = np.linspace(0, len(draws) - 1, _LOOKED_AT).astype(int)
+        misses = proposal.efficiency_among(draws[some], value[some]) < _STATED * proposal.efficiency
+        done = chains.converged and not (misses and steps is not None and chains.steps <= last)
+        if chains.steps == left or done or budget.is_spent:
             break
         discarded += chains.steps
-        explores = explores and number + 1 < len(_EXPLORING)
-        kept = chains.theta[:, chains.held_burn_in :]
-        draws = kept[:, :: max(1, kept[..., 0].size // (4 * DRAWS_OF_A_FIT))].reshape(-1, kept.shape[-1])
-        proposal = refit_proposal(log_density, systems, proposal, draws, streams.refit())
+        again = fit_proposal(density, systems, draws, streams.with_stage(number).refit())
+        best = max(proposal, again, key=lambda each: each.efficiency)
+        proposal = _reaching(ground, best, np.concatenate([draws[some], found.places]), found.kernels, rng)
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
         reason += f"; {discarded} earlier steps served to fit the proposal and were discarded"
-    return replace(chains, discarded=discarded, evaluations=evaluations, seconds=seconds, reason=reason), proposal
+    # 5. what both origins say
+    alone, converged = found.alone, chains.converged
+    if not math.isnan(alone) and found.efficiency < RESEMBLES:
+        alone = seen_by_one(draws[some], found.kernels, ground.sd)
+    if math.isnan(alone):
+        reason = f"{reason}; {_UNCONFIRMED}"
+    elif alone > ALONE:
+        reason, converged = f"{'not ' * converged}{reason}; {SEEN_BY_ONE.format(100 * alone)}", False
+    chains = replace(chains, converged=converged, reason=reason, discarded=discarded, seconds=seconds)
+    return replace(chains, evaluations=ground.evaluations - begun), proposal
 
 
-def _misses_mass(proposal: Proposal, chains: Chains) -> bool:
-    """Whether draws of the run say that the proposal reaches less of the density than its own draws say.
+def _reaching(
+    ground: Ground, proposal: Proposal, theta: Array, origins: Sequence[Kernels], rng: np.random.Generator
+) -> Proposal:
+    """The proposal with further kernels at some of points θ, shape (n, d), that it hardly reaches without any.
 
-    With w = p/q the efficiency is 1/∫ p²/q: one over the mean of w over draws from p, which lie where q has missed.
+    A walker that comes there would wait for long, and nothing in its efficiency would tell.
     """
-    theta = chains.theta[:, chains.held_burn_in :].reshape(-1, chains.theta.shape[-1])
-    log_weight = chains.log_density[:, chains.held_burn_in :].ravel() - proposal.log_density(theta)
-    middle = np.median(log_weight)
-    log_weight = np.clip(log_weight, middle - _FAR, middle + _FAR)
-    n = np.log(log_weight.size)
-    efficiency = np.exp(2 * n - np.logaddexp.reduce(log_weight) - np.logaddexp.reduce(-log_weight))
-    return bool(efficiency < _STATED * proposal.efficiency)
+    if isinstance(proposal.density, Kernels):
+        return proposal
+    alone = replace(proposal, further=None)
+    chosen = alone.missed(ground.log_density, np.unique(theta, axis=0), rng, _MOST_FURTHER)
+    return replace(alone, further=kernels_at(ground, chosen, origins)) if len(chosen) else alone
 
 
-def _counted_on(progress: ProgressCallback, steps: int, limit: int, seconds: float) -> ProgressCallback:
+def _counted_on(now: Progress, steps: int, limit: int, seconds: float) -> Progress:
     """Progress of a stage, as progress of the whole run."""
-
-    def tell(now: Progress) -> None:
-        expected = min((now.total or now.done) + steps, limit)
-        elapsed = now.elapsed_seconds + seconds
-        progress(replace(now, done=now.done + steps, total=expected, elapsed_seconds=elapsed))
-
-    return tell
+    expected = min((now.total or now.done) + steps, limit)
+    return replace(now, done=now.done + steps, total=expected, elapsed_seconds=seconds)

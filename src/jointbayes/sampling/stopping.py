@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointbayes.sampling.density import SeveralModes
 from jointbayes.sampling.diagnostics import autocorrelation_time, quantile_spread, quantile_tau, split_r_hat
 from jointbayes.sampling.ensemble import SamplerSettings
 from vibrecords.arrays import Array
@@ -14,11 +13,12 @@ from vibrecords.arrays import Array
 ENDS_ARE_GOOD = "the ends of each 95 % interval are good to {} % of the interval's width"
 #: Share of the density that only one origin may have found.
 ALONE = 0.005
-#: Largest error of an end in importance draws, as a share of the interval's width.
+SEEN_BY_ONE = "{:.2g} % of the density was found from one origin only"
+#: Largest error of an end in one of many analyses, as a share of the interval's width.
 END_TOLERANCE = 0.05
-#: Fewest draws at every end, and draws at every end with which the 2.5 % beyond it are known to a tenth of themselves.
-#: An end on a plateau far from the bulk is then as good as it need be, wherever it lies.
-LEAST_EFFECTIVE, ENOUGH = 400.0, 4000.0
+#: Draws at every end with which the 2.5 % beyond it are known to a tenth of themselves: for that tolerance. An end on a
+#: plateau far from the bulk is then as good as it need be, wherever it lies.
+ENOUGH = 4000.0
 #: Probabilities below the two ends of the 95 % interval.
 INTERVAL = (0.025, 0.975)
 
@@ -30,6 +30,7 @@ _GROWTH = 0.05
 _BURN_IN_FACTOR = 5.0
 
 _RANKED_DRAWS = 10_000
+_OF_ENDS = 0.5  # of `tau_factor`, for τ of "the draw lies below an end"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +79,6 @@ class Check:
         Rank-normalised split R̂ over the ensembles.
     end_error : EndError or None
         The least certain end of a 95 % interval; None where it was not looked at.
-    modes_tau, modes_r_hat : float
-        τ and R̂ of which of several modes is nearest, of the slowest mode; 0 of a density with one mode.
     """
 
     step: int
@@ -87,8 +86,6 @@ class Check:
     tau: Array
     r_hat: Array
     end_error: EndError | None = None
-    modes_tau: float = 0.0
-    modes_r_hat: float = 0.0
 
     def __post_init__(self) -> None:
         self.tau.setflags(write=False)
@@ -101,56 +98,13 @@ class Check:
 
     @property
     def tau_max(self) -> float:
-        """τ of the slowest parameter, or of the modes' shares where these are slower."""
-        return max(float(np.max(self.tau)), self.modes_tau)
+        """τ of the slowest parameter."""
+        return float(np.max(self.tau))
 
     @property
     def r_hat_max(self) -> float:
-        """R̂ of the parameter, or the share of a mode, on which the ensembles agree least."""
-        return max(float(np.max(self.r_hat)), self.modes_r_hat)
-
-
-def unmet_by(
-    error: float,
-    effective: float,
-    alone: float,
-    *,
-    tolerance: float,
-    least: float = 0.0,
-    enough: float = math.inf,
-    end: str = "an end of a 95 % interval",
-) -> list[str]:
-    """Return what draws of either kind still lack, in words; empty where they have settled.
-
-    Parameters
-    ----------
-    error
-        Largest Monte Carlo standard error of an end of a 95 % interval, as a share of the interval's width.
-    effective
-        Fewest independent draws that an end is worth.
-    alone
-        Share of the density that was found from one origin only.
-    tolerance, least
-        Largest error, and fewest draws at an end.
-    enough
-        Draws at every end that are enough for any error.
-    end
-        Words for the end with the largest error.
-
-    Examples
-    --------
-    >>> unmet_by(0.04, 500.0, 0.23, tolerance=0.05)
-    ['23 % of the density was found from one origin only']
-    """
-    unmet = []
-    if not (effective >= enough or (error <= tolerance and effective >= least)):
-        unmet.append(
-            f"{end} has a Monte Carlo error of {100 * error:.2f} % of the interval's width, below "
-            f"{100 * tolerance:.1f} % is needed"
-        )
-    if not alone <= ALONE:
-        unmet.append(f"{100 * alone:.2g} % of the density was found from one origin only")
-    return unmet
+        """R̂ of the parameter on which the ensembles agree least."""
+        return float(np.max(self.r_hat))
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,9 +115,7 @@ class StopDecision:
     reason: str
 
 
-def diagnose(
-    theta: Array, previous: Check | None, every: int = 1, steps: int | None = None, modes: SeveralModes | None = None
-) -> Check:
+def diagnose(theta: Array, previous: Check | None, every: int = 1, steps: int | None = None) -> Check:
     """Compute τ and R̂ of the steps after burn-in.
 
     The burn-in is 5 τ of the previous check, at most half of the steps (and exactly half at the first check,
@@ -182,9 +134,6 @@ def diagnose(
         Distance of these in steps.
     steps : int, optional
         Number of all steps; by default the number of these.
-    modes : SeveralModes, optional
-        Those of the density, if it has several: their shares count as parameters do, but for modes that have all draws
-        or none.
 
     Returns
     -------
@@ -198,23 +147,11 @@ def diagnose(
     tau = autocorrelation_time(kept)
     ranked = max(thinning(tau), kept[..., 0].size // _RANKED_DRAWS)
     r_hat = split_r_hat(kept[:, ::ranked])
-    modes_tau = modes_r_hat = 0.0
-    if modes is not None:
-        share = modes.membership(kept)
-        share = share[..., np.ptp(share, axis=(0, 1, 2)) > 0]
-        if share.size:
-            modes_tau = every * float(autocorrelation_time(share).max())
-        share = share[:, ::ranked]
-        share = share[..., np.ptp(share, axis=(0, 1, 2)) > 0]  # of a rare mode none may be among these
-        if share.size:
-            modes_r_hat = float(split_r_hat(share).max())
     return Check(
         step=steps or theta.shape[1],
         burn_in=burn_in * every,
         tau=tau * every,
         r_hat=r_hat,
-        modes_tau=modes_tau,
-        modes_r_hat=modes_r_hat,
     )
 
 
@@ -330,10 +267,10 @@ def next_check(step: int, settings: SamplerSettings) -> int:
 def judge(settings: SamplerSettings, checks: Sequence[Check]) -> StopDecision:
     """Apply the stop rule to the last check.
 
-    The rule is met if the kept steps exceed ``tau_factor`` τ, also that of each interval end, if τ has changed by less
-    than ``tau_tolerance`` since the check before (τ of the slowest parameter), if R̂ of every parameter
-    is below ``r_hat_max``, and if the Monte Carlo standard error of each end of each 95 % interval is below
-    ``end_tolerance`` of the interval's width. A NaN meets none of them.
+    The rule is met if the kept steps exceed ``tau_factor`` τ, and half as many τ of each interval end, if τ has changed
+    by less than ``tau_tolerance`` since the check before (τ of the slowest parameter), if R̂ of every parameter is below
+    ``r_hat_max``, and if the Monte Carlo standard error of each end of each 95 % interval is below ``end_tolerance`` of
+    the interval's width, or the end is worth as many draws as `ENOUGH` says. A NaN meets none of them.
 
     Parameters
     ----------
@@ -353,12 +290,18 @@ def judge(settings: SamplerSettings, checks: Sequence[Check]) -> StopDecision:
     if not unmet and error is None:
         unmet.append("the errors of the ends of the 95 % intervals are unknown")
     if not unmet and error is not None:
-        end = f"the {error.end} end of the 95 % interval of {error.name}"
-        unmet = unmet_by(error.share, last.kept / error.tau, 0.0, tolerance=settings.end_tolerance, end=end)
-    if not unmet and error is not None and not last.kept > settings.tau_factor * error.tau:
+        draws = settings.ensembles * settings.walkers * last.kept / error.tau
+        enough = ENOUGH * (END_TOLERANCE / settings.end_tolerance) ** 2
+        if not (error.share < settings.end_tolerance or draws >= enough):
+            needed = f"below {100 * settings.end_tolerance:.1f} % is needed"
+            unmet.append(
+                f"the {error.end} end of the 95 % interval of {error.name} has a Monte Carlo error of "
+                f"{100 * error.share:.2f} % of the interval's width, {needed}"
+            )
+    if not unmet and error is not None and not last.kept > _OF_ENDS * settings.tau_factor * error.tau:
         unmet.append(
-            f"τ = {error.tau:.1f} steps of an end of a 95 % interval exceeds 1/{settings.tau_factor:g} of the "
-            f"{last.kept} after burn-in"
+            f"τ = {error.tau:.1f} steps of an end of a 95 % interval exceeds "
+            f"1/{_OF_ENDS * settings.tau_factor:g} of the {last.kept} after burn-in"
         )
     if unmet:
         return StopDecision(False, f"not converged {where}: {'; '.join(unmet)}")
@@ -390,7 +333,7 @@ def expected_steps(settings: SamplerSettings, last: Check) -> int:
     kept = settings.tau_factor * last.tau_max
     if last.end_error is not None:
         needed = last.kept * (last.end_error.share / settings.end_tolerance) ** 2
-        kept = max(kept, needed, settings.tau_factor * last.end_error.tau)
+        kept = max(kept, needed, _OF_ENDS * settings.tau_factor * last.end_error.tau)
     needed = kept + _BURN_IN_FACTOR * last.tau_max
     if not needed < settings.max_steps:
         return settings.max_steps

@@ -22,13 +22,13 @@ from jointbayes.joint.blocks import Block, Blocks
 from jointbayes.joint.quantities import prefixed
 from jointbayes.phrases import listed, not_converged
 from jointbayes.posterior.coordinates import coordinate_systems
-from jointbayes.posterior.evidence import evidence_about_modes
+from jointbayes.posterior.evidence import evidence
 from jointbayes.posterior.evidence_table import STRONG, EvidenceTable
 from jointbayes.progress import ProgressCallback
 from jointbayes.rounding import interval
 from jointbayes.structure.recipe import is_damping
 from jointbayes.studies.same_modes import change_in_words
-from jointbayes.workflow import find_map
+from jointbayes.workflow import draws_of, find_map
 from vibrecords.arrays import Array
 
 _TESTS = ("before", "new")
@@ -158,20 +158,18 @@ def compare_joints(before: Problem, new: Problem, seed: int, progress: ProgressC
     two = find_map(own, np.tile(one.values, 2), seed=seed, progress=progress)
     rng, found = np.random.default_rng([seed, 5]), []
     for problem, estimate in ((shared, one), (own, two)):
-        starts = estimate.starts_for_draws
-        found.append(evidence_about_modes(problem.log_posterior, coordinate_systems(problem), starts, rng))
+        chains = draws_of(problem, estimate, seed, progress)
+        found.append((chains, evidence(problem.log_posterior, coordinate_systems(problem), chains.draws(), rng)))
     # 2. Evidences; the one with a joint for each test takes changes of a likely size
-    (z_one, draws_of_one), (z_two, draws) = found
-    if not len(draws.theta):
-        raise ModelError("same: found no joint that the data allow; expected one; look at each test by itself")
-    log_weight = draws.log_weight - np.logaddexp.reduce(draws.log_weight)
-    likely = float(np.logaddexp.reduce(log_weight + _log_prior_of_change(own, draws.theta)))
+    (of_one, z_one), (of_two, z_two) = found
+    theta = of_two.draws().theta.reshape(-1, len(own.names))
+    likely = float(np.logaddexp.reduce(_log_prior_of_change(own, theta))) - math.log(len(theta))
     table = EvidenceTable({"one joint": z_one.log_z, "a joint each": z_two.log_z + likely})
-    fewest, error = min(draws_of_one.effective, draws.effective), max(z_one.error, z_two.error)
-    trusted = z_one.trusted and z_two.trusted and fewest >= _FEWEST
+    fewest, error = min(of_one.ess.min(), of_two.ess.min()), max(z_one.error, z_two.error)
+    trusted = z_one.trusted and z_two.trusted and of_one.converged and of_two.converged and fewest >= _FEWEST
     reason = f"{fewest:.0f} effective draws of at least {_FEWEST:.0f}, standard error of ln Z {error:.2g}"
     # 3. The change of each stiffness, and of the natural frequency that shows it best
-    theta = draws.resample(rng, _DRAWS)
+    theta = theta[rng.permutation(len(theta))[:_DRAWS]]
     values, half = own.prior.values(theta), len(before.quantities)
     of_joint = [(i, q) for i, q in enumerate(before.quantities) if q.places]
     each = [Change.of(q.name, q.unit, values[:, i], values[:, half + i]) for i, q in of_joint]

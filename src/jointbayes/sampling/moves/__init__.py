@@ -7,5 +7,4 @@ from jointbayes.sampling.moves.autoregressive import AutoregressiveMove as Autor
 from jointbayes.sampling.moves.base import advance as advance
 from jointbayes.sampling.moves.differential_evolution import DEMove as DEMove
 from jointbayes.sampling.moves.independence import IndependenceMove as IndependenceMove
-from jointbayes.sampling.moves.jump import JumpMove as JumpMove
 from jointbayes.sampling.moves.stretch import HalvesStretchMove as HalvesStretchMove

@@ -4,11 +4,11 @@ import numpy as np
 
 from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.distributions import StudentT
-from jointbayes.sampling.moves.base import FittedMove
+from jointbayes.sampling.moves.base import EachAlone
 from vibrecords.arrays import Array
 
 
-class AutoregressiveMove(FittedMove):
+class AutoregressiveMove(EachAlone):
     """Propose each walker part of the way from where it is to a new draw of a Student-t in coordinates φ.
 
     In many dimensions even a good fit is refused where the whole place changes at once; part of the way is accepted.
@@ -30,12 +30,21 @@ class AutoregressiveMove(FittedMove):
     """
 
     def __init__(self, coordinates: Coordinates, density: StudentT, kept: float) -> None:
-        super().__init__(coordinates, density)
-        self._student, self._kept = density, kept
+        self._coordinates, self._student, self._kept = coordinates, density, kept
 
-    def new_places(self, here: Array, random: np.random.RandomState) -> Array:
-        """New places φ, shape (n, d), for the walkers at others."""
-        density, (n, d) = self._student, here.shape
-        squared = (density.dof + density.squared_distance(here)) / random.chisquare(density.dof + d, n)
-        fresh = density.scaled(random.standard_normal((n, d))) * np.sqrt(squared * (1 - self._kept**2))[:, None]
-        return density.mean + self._kept * (here - density.mean) + fresh
+    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,).
+
+        With respect to the Student-t over θ, its density over φ divided by |∂θ/∂φ|, the proposal is reversible.
+        """
+        coordinates, density, d = self._coordinates, self._student, theta.shape[1]
+        here = coordinates.forward(theta)
+        squared = (density.dof + density.squared_distance(here)) / random.chisquare(density.dof + d, len(theta))
+        fresh = density.scaled(random.standard_normal(theta.shape)) * np.sqrt(squared * (1 - self._kept**2))[:, None]
+        there = density.mean + self._kept * (here - density.mean) + fresh
+        proposed, inside = coordinates.inverse(there)
+        # a walker sent out of the region is proposed where it is, and refused
+        proposed = np.where(inside[:, None], proposed, theta)
+        before = density.log_density(here) - coordinates.log_volume(theta)
+        after = density.log_density(there) - coordinates.log_volume(proposed)
+        return proposed, np.where(inside, before - after, -np.inf)

@@ -8,9 +8,7 @@ from emcee import State
 from emcee.model import Model
 from emcee.moves import Move, RedBlueMove
 
-from jointbayes.sampling.coordinate_maps import Coordinates
 from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.distributions import ProposalDensity
 from jointbayes.sampling.ensemble import EnsembleState, MoveCount, StepBlock, WeightedMove
 from vibrecords.arrays import Array, Flags, Indices
 
@@ -97,36 +95,6 @@ class EachAlone(Move):  # type: ignore[misc]  # emcee is not typed
         """Move all walkers; return the state and who accepted, shape (walkers,)."""
         proposed, log_factor = self.get_proposal(state.coords, model.random)
         return state, settle(model, state, slice(None), proposed, log_factor)
-
-
-class FittedMove(EachAlone):
-    """Propose by a fitted distribution in coordinates φ, with respect to which the proposal is reversible.
-
-    The acceptance compares the importance weights p/q of the two places, with q the distribution's density over θ: that
-    over φ divided by |∂θ/∂φ|. Subclasses give `new_places`.
-
-    Parameters
-    ----------
-    coordinates
-        Coordinates in which to propose.
-    density
-        Distribution in these coordinates.
-    """
-
-    def __init__(self, coordinates: Coordinates, density: ProposalDensity) -> None:
-        self._coordinates, self._density = coordinates, density
-
-    def get_proposal(self, theta: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Propose for the walkers at θ, shape (n, d), with ln q(θ) − ln q(proposed), shape (n,)."""
-        coordinates, density = self._coordinates, self._density
-        here = coordinates.forward(theta)
-        there = self.new_places(here, random)
-        proposed, inside = coordinates.inverse(there)
-        # a walker sent out of the region is proposed where it is, and refused
-        proposed = np.where(inside[:, None], proposed, theta)
-        before = density.log_density(here) - coordinates.log_volume(theta)
-        after = density.log_density(there) - coordinates.log_volume(proposed)
-        return proposed, np.where(inside, before - after, -np.inf)
 
 
 def advance(
