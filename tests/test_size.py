@@ -22,7 +22,7 @@ ROOMS = {
     "frf": (2000, 2060),
     "inference": (2500, 2772),
     "identification": (1250, 1413),
-    "sampling": (1300, 1620),
+    "sampling": (1300, 1610),
     "posterior": (3700, 4920),
     "studies": (1700, 1695),
     "case": (4000, 4757),

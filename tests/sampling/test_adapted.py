@@ -11,6 +11,7 @@ from jointbayes.inference import Landing
 from jointbayes.sampling import SamplerSettings, draw, run_ensembles, sampler
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.ensemble import Streams
+from jointbayes.sampling.kernels import Kernels
 from tests.sampling.test_origins import SHEETS
 
 SETTINGS = SamplerSettings(walkers=24, max_steps=6000)
@@ -65,7 +66,7 @@ AT = np.array([[1.0, 1.0]])
 
 def staged(sheet, monkeypatch, settings=SETTINGS, **constants):
     """Draws of a sheet, with what each stage was told, and the number of fits."""
-    for name, value in constants.items():
+    for name, value in {"_ON_A_SHEET": 2.0, **constants}.items():
         monkeypatch.setattr(sampler, name, value)
     fits, told, whole = [], [], sampler.fit_proposal
     monkeypatch.setattr(sampler, "fit_proposal", lambda *a: fits.append(whole(*a)) or fits[-1])
@@ -80,6 +81,13 @@ def test_a_run_that_mixes_slowly_is_fitted_to_its_draws_and_the_steps_before_do_
     assert (chains.converged, chains.discarded, len(fits)) == (True, 100, 2)
     assert last.efficiency == max(fit.efficiency for fit in fits)
     assert "; 100 earlier steps served to fit the proposal and were discarded" in chains.reason
+
+
+def test_where_walkers_mix_slowly_with_a_mixture_the_kernels_of_the_origins_propose(monkeypatch):
+    chains, last, fits, _ = staged(SHEETS["banana"], monkeypatch, _SLOW_TAU=0.0, _STAGES=(100,), _ON_A_SHEET=0.05)
+    assert (chains.converged, chains.discarded, len(fits)) == (True, 100, 1)
+    assert isinstance(last.density, Kernels)
+    assert last.efficiency > 0.05
 
 
 def test_a_run_that_mixes_well_and_wants_more_steps_goes_on_as_it_is(monkeypatch):

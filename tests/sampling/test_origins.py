@@ -17,7 +17,7 @@ from jointbayes.progress import Budget
 from jointbayes.sampling import NormalScores, Quantities, SamplerSettings, draw, sampler
 from jointbayes.sampling.coordinate_maps import Identity
 from jointbayes.sampling.kernels import Kernels
-from jointbayes.sampling.origins import two_origins
+from jointbayes.sampling.origins import _distinct, two_origins
 from jointbayes.sampling.stopping import END_TOLERANCE
 
 BOTH = Quantities(("x", "y"), lambda theta: theta)
@@ -145,6 +145,12 @@ def test_a_thin_mode_has_its_share():
     at = np.array([[1.0, 3.0]])
     drawn = [(two_origins(Landing(sheet), at, np.random.default_rng(s)).theta[:, 1] < 0).mean() for s in range(12)]
     assert np.mean(drawn) == pytest.approx(share, rel=0.3)
+
+
+def test_climbs_that_end_at_one_point_are_one_place():
+    places, bent = _distinct(Landing(SHEETS["banana"]), np.array([[1.0, 1.0], [1.0, 1.0 + 1e-9], [0.0, 0.0]]))
+    np.testing.assert_array_equal(places, [[1.0, 1.0], [0.0, 0.0]])
+    assert bent == 1
 
 
 def landing_only(monkeypatch, wanted):

@@ -15,7 +15,7 @@ from jointbayes.sampling.coordinate_maps import Coordinates, Identity
 from jointbayes.sampling.density import Checked, LogDensity
 from jointbayes.sampling.ensemble import EnsembleState, SamplerSettings, Streams, WeightedMove
 from jointbayes.sampling.kernels import Kernels
-from jointbayes.sampling.origins import RESEMBLES, Ground, adapted, kernels_at, seen_by_one, two_origins
+from jointbayes.sampling.origins import RESEMBLES, Ground, Origins, adapted, kernels_at, seen_by_one, two_origins
 from jointbayes.sampling.proposal import Proposal, fit_proposal
 from jointbayes.sampling.stopping import ALONE, SEEN_BY_ONE, Check, Quantities, StopDecision
 from vibrecords.arrays import Array
@@ -154,6 +154,7 @@ _STAGES = (500, 1000, 2000, 4000)
 _SLOW_TAU = 50.0
 #: A mixture of less efficiency is no better than kernels, which then have further rounds of draws.
 _POOR, _FURTHER, _DRAWS = 0.1, 10, 4000
+_ON_A_SHEET = 0.05  # efficiency of kernels that serve where walkers mix slowly with a mixture
 _MOST_FURTHER = 300  # kernels that are added to a proposal at a time
 _OF_ORIGINS = 0.1  # of the budget, after which the origins must do with what they have
 _STATED = 0.25  # of a proposal's efficiency: if draws of the posterior find less, a part of it was missed
@@ -271,8 +272,9 @@ def draw(
     2. A proposal is fitted to what both have found.
     3. Half of the ensembles start from draws of each origin.
     4. Ensembles move until they meet the stop rule. Where they mix slowly, or have found a part that the proposal
-       misses, a proposal is fitted to their draws: after 500 steps, after 1000 more, and so on. Each time the steps
-       made so far become burn-in: moves never change while steps are made that count.
+       misses, after 500 steps, after 1000 more, and so on, the kernels propose, or where these are poor a mixture
+       that is fitted to the draws. Each time the steps made so far become burn-in: moves never change while steps are
+       made that count.
     5. What one origin only has found must be less than `ALONE`.
 
     Parameters
@@ -312,8 +314,7 @@ def draw(
     # 2. a proposal
     proposal = fit_proposal(density, systems, found.theta, streams.refit())
     if proposal.efficiency < min(_POOR, found.efficiency):
-        kernels = found.kernels[0].joined(found.kernels[-1], 0.5)
-        proposal = Proposal(*adapted(ground, kernels, rng, most=_FURTHER, n=_DRAWS))
+        proposal = _of_kernels(ground, found, rng)
     proposal = _reaching(ground, proposal, found.places, found.kernels, rng)
     charge()
     # 3. walkers
@@ -346,9 +347,13 @@ def draw(
         if chains.steps == left or done or budget.is_spent:
             break
         discarded += chains.steps
-        again = fit_proposal(density, systems, draws, streams.with_stage(number).refit())
-        best = max(proposal, again, key=lambda each: each.efficiency)
-        proposal = _reaching(ground, best, np.concatenate([draws[some], found.places]), found.kernels, rng)
+        by_kernels = _of_kernels(ground, found, rng)
+        if by_kernels.efficiency > _ON_A_SHEET:
+            proposal = by_kernels
+        else:
+            again = fit_proposal(density, systems, draws, streams.with_stage(number).refit())
+            best = max(proposal, again, key=lambda each: each.efficiency)
+            proposal = _reaching(ground, best, np.concatenate([draws[some], found.places]), found.kernels, rng)
         start = chains.theta[:, -1]
     reason = chains.reason
     if discarded:
@@ -363,6 +368,12 @@ def draw(
         reason, converged = f"{'not ' * converged}{reason}; {SEEN_BY_ONE.format(100 * alone)}", False
     chains = replace(chains, converged=converged, reason=reason, discarded=discarded, seconds=seconds)
     return replace(chains, evaluations=ground.evaluations - begun), proposal
+
+
+def _of_kernels(ground: Ground, found: Origins, rng: np.random.Generator) -> Proposal:
+    """The kernels of both origins, further adapted, as what is proposed."""
+    kernels = found.kernels[0].joined(found.kernels[-1], 0.5)
+    return Proposal(*adapted(ground, kernels, rng, most=_FURTHER, n=_DRAWS))
 
 
 def _reaching(
