@@ -340,8 +340,8 @@ def _on_one_hill(problem: Problem, lower: Array, height: float, top: Array) -> b
 def draws_of(problem: Problem, estimate: MapEstimate, seed: int, tell: ProgressCallback) -> Chains:
     """Draws of one of many problems whose mode is known, as `sample` would make them."""
     settings = SamplerSettings().for_dimension(len(problem.names)).for_one_of_many()
-    run = _Run(problem, None, seed, settings, estimate)
-    return _drawn(run, tell)[2]
+    rng = _Run(problem, None, seed, settings, estimate).generator(_STEPS)
+    return draw_problem(problem, estimate.places, rng, settings, tell)[0]
 
 
 def _drawn(run: _Run, tell: ProgressCallback) -> tuple[_Run, float, Chains]:

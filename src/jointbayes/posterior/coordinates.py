@@ -61,8 +61,8 @@ def coordinate_systems(problem: Problem, free: Indices | None = None) -> tuple[C
     An FRF is nearly linear in the compliance. Where data say little the posterior is flat up to the prior's ends, or
     flat but for a ridge, which the joint's coordinates may know how to straighten.
     """
-    low, high = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2).T
-    low, high = (low.copy(), high.copy()) if free is None else (low[free], high[free])
+    ends = np.array([m.support for m in problem.prior.all_marginals]).reshape(-1, 2)
+    low, high = (ends if free is None else ends[free]).T
     compliance, flat = compliance_and_scores(problem.parametrisation, low, high)
     ridges = problem.parametrisation.ridges
     if not ridges:

@@ -269,8 +269,7 @@ def _row(
     if not chains.converged:
         return none
     draws, effective = chains.draws().theta.reshape(-1, free.size), chains.worth
-    theta = np.zeros((len(draws), len(problem.names)))
-    theta[:, free] = draws
+    theta = by_names(draws, [problem.names[i] for i in free], problem.names)
     values = problem.prior.values(theta)
     region = cache(lambda: LikelihoodRegion(problem.log_posterior, theta[:: -(-len(theta) // _REGION_DRAWS)]))
     known = {}

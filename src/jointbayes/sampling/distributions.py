@@ -279,6 +279,19 @@ def drawn_without_replacement(log_weight: Array, count: int, rng: np.random.Gene
 
 
 DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
+
+
+def student_efficiency(dimension: int) -> float:
+    """Importance efficiency of a t distribution of 5 degrees of freedom for a Gaussian: 0.97 for each dimension.
+
+    Examples
+    --------
+    >>> [round(student_efficiency(d), 2) for d in (3, 7, 15)]
+    [0.91, 0.81, 0.63]
+    """
+    return 0.97**dimension
+
+
 _FLOOR = 1e-3  # of the scale before, or of the overall covariance, added to a new one: few draws still span the space
 
 

@@ -4,10 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointbayes.sampling.distributions import StudentT, log_peak
+from jointbayes.sampling.distributions import DOF, StudentT, log_peak
 from vibrecords.arrays import Array, Flags
 
-_DOF = 5.0  # heavier tails than a posterior's keep the weights bounded
 #: Lengths of its widest axis from a kernel: what lies there is no other part of a density. A Gaussian of d dimensions
 #: lies √d lengths from its middle, and no more than this beyond.
 _CLOSE, _BEYOND = 4.0, 2.0
@@ -50,7 +49,7 @@ class Kernels:
             "_bent": np.einsum(
                 "kij,kpj,p->kip", into, self.bend[:, first, second], np.where(first == second, 0.5, 1.0)
             ),
-            "_log_peaks": log_peak(_DOF, d) - np.linalg.slogdet(self.axes)[1],
+            "_log_peaks": log_peak(DOF, d) - np.linalg.slogdet(self.axes)[1],
         }
         for name, array in derived.items():
             object.__setattr__(self, name, array)
@@ -59,7 +58,7 @@ class Kernels:
         """Independent draws, shape (n, d)."""
         d, t = self.places.shape[1], self.bend.shape[1]
         which = random.choice(len(self.places), n, p=self.weights)
-        z = random.standard_normal((n, d)) / np.sqrt(random.chisquare(_DOF, n) / _DOF)[:, None]
+        z = random.standard_normal((n, d)) / np.sqrt(random.chisquare(DOF, n) / DOF)[:, None]
         bent = np.einsum("na,nb,nabd->nd", z[:, :t], z[:, :t], self.bend[which]) / 2
         return self.places[which] + np.einsum("nij,nj->ni", self.axes[which], z) + bent
 
@@ -74,8 +73,8 @@ class Kernels:
             if t:
                 z[:, t:] -= self._bent[some, t:] @ (z[:, first] * z[:, second])
             np.einsum("kin,kin->kn", z, z, out=squared[some[0] : some[-1] + 1])
-        squared /= _DOF
-        return np.asarray(self._log_peaks[:, None] - (_DOF + d) / 2 * np.log1p(squared, out=squared))
+        squared /= DOF
+        return np.asarray(self._log_peaks[:, None] - (DOF + d) / 2 * np.log1p(squared, out=squared))
 
     def log_density(self, theta: Array) -> Array:
         """Log of the normalised density, shape (n,), at θ, shape (n, d)."""
@@ -111,4 +110,4 @@ class Kernels:
         """One Student-t as wide as all of these."""
         away = self.places - self.weights @ self.places
         scale = np.einsum("k,kij,klj->il", self.weights, self.axes, self.axes) + (away.T * self.weights) @ away
-        return StudentT(self.weights @ self.places, scale, _DOF)
+        return StudentT(self.weights @ self.places, scale, DOF)

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointbayes.errors import SamplingError
 from jointbayes.sampling.density import Checked, LogDensity
-from jointbayes.sampling.distributions import drawn_without_replacement, resampled, truncated
+from jointbayes.sampling.distributions import drawn_without_replacement, resampled, student_efficiency, truncated
 from jointbayes.sampling.kernels import Kernels
 from jointbayes.sampling.stopping import ALONE, SEEN_BY_ONE
 from vibrecords.arrays import Array
@@ -64,8 +64,8 @@ class Origins(NamedTuple):
 
     `kernels` are those of each origin that came down on it, and `starts` draws of each, shape (m, d), none twice, the
     likeliest first. `theta` are equally weighted draws of both, shape (n, d), as from both together, and `efficiency`
-    how many independent ones these are worth. `alone` is the share of the density that one origin only has found, NaN
-    where the second came down on nothing.
+    the share of the weighted ones that is effective. `alone` is the share of the density that one origin only has
+    found, NaN where the second came down on nothing.
     """
 
     kernels: Sequence[Kernels]
@@ -122,8 +122,8 @@ def two_origins(
     O. Cappé et al., Adaptive importance sampling in general mixture classes (2008), DOI 10.1007/s11222-008-9059-x.
     A. Owen, Y. Zhou, Safe and effective importance sampling (2000), DOI 10.1080/01621459.2000.10473909.
     """
-    density, highest = Checked(ground.log_density), float(Checked(ground.log_density)(modes).max())
-    ends, climbs, n = [modes, modes[:0]], _FEW, max(_WEIGHED, 4 * walkers)
+    density = Checked(ground.log_density)
+    highest, ends, climbs, n = float(density(modes).max()), [modes, modes[:0]], _FEW, max(_WEIGHED, 4 * walkers)
     for trial in range(_TRIALS):
         # 1. climb down from all of the prior
         highest = _climb(ground, ends, climbs, highest, rng)
@@ -238,7 +238,7 @@ def adapted(
         log_weight = truncated(value - proposed, n)
         weight = _normalised(log_weight)
         efficiency = 1 / (n * float(weight @ weight))
-        if efficiency > _LIKE_GAUSSIAN * 0.97 ** theta.shape[1]:
+        if efficiency > _LIKE_GAUSSIAN * student_efficiency(theta.shape[1]):
             break
         # population Monte Carlo: a kernel's weight is the share of the density that is likely its own
         shares = np.exp(each - proposed) @ weight * kernels.weights

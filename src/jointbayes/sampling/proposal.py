@@ -17,14 +17,14 @@ from jointbayes.sampling.distributions import (
     importance_efficiency,
     most_likely_mixture,
     resampled,
+    student_efficiency,
     tempered,
     truncated,
 )
 from jointbayes.sampling.kernels import Kernels
 from vibrecords.arrays import Array
 
-#: Draws that a mixture is fitted to at first.
-DRAWS_OF_A_FIT = 6000
+_FITTED = 6000  # draws that a mixture is fitted to at first
 _COMPONENTS = 12  # of a first mixture: those that few draws belong to are dropped
 _WEIGHED = 4000  # draws of each mixture, for its efficiency and for the next one
 _ROUNDS = 4  # in the best coordinates
@@ -157,7 +157,7 @@ def fit_proposal(
     E. Koblents, J. Míguez, A population Monte Carlo scheme with transformed weights (2015),
     DOI 10.1007/s11222-013-9440-2 (the power of the weights).
     """
-    draws = theta[rng.permutation(len(theta))[:DRAWS_OF_A_FIT]]
+    draws = theta[rng.permutation(len(theta))[:_FITTED]]
     good, enough = good_efficiency(draws.shape[1]), _ENOUGH * (draws.shape[1] + 1)
 
     def every_system() -> Iterator[Coordinates]:
@@ -201,12 +201,11 @@ def fit_proposal(
 def good_efficiency(dimension: int) -> float:
     """Efficiency at which a fit ends.
 
-    A t distribution of 5 degrees of freedom reaches 0.97^(d − 1) times 0.97 for a Gaussian in d dimensions: 0.91 in
-    three, 0.80 in seven, 0.65 in fifteen. Less than nine tenths of that may be mended.
+    Less than nine tenths of that of a Student-t for a Gaussian may be mended.
 
     Examples
     --------
     >>> [round(good_efficiency(d), 2) for d in (1, 3, 7, 15)]
     [0.8, 0.8, 0.73, 0.57]
     """
-    return min(_GOOD, 0.9 * 0.97**dimension)
+    return min(_GOOD, 0.9 * student_efficiency(dimension))

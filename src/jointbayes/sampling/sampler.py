@@ -76,10 +76,11 @@ def weighted_moves(proposal: Proposal | None = None) -> tuple[WeightedMove, ...]
         ]
 
     local = [*steps(Identity(), 0.8), WeightedMove("stretch", HalvesStretchMove(), 0.1)]
-    if proposal is not None:
-        adapted = steps(proposal.coordinates, 0.9, ", adapted coordinates")
-        local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
-    if proposal is not None and proposal.whole.mean.size >= MANY_DIMENSIONS:
+    if proposal is None:
+        return tuple(local)
+    adapted = steps(proposal.coordinates, 0.9, ", adapted coordinates")
+    local = _share(adapted, ADAPTED_SHARE) + _share(local, 1 - ADAPTED_SHARE)
+    if proposal.whole.mean.size >= MANY_DIMENSIONS:
         partial = [
             WeightedMove(
                 f"autoregressive, {kept:g} kept", AutoregressiveMove(proposal.coordinates, proposal.whole, kept), 0.5
@@ -87,8 +88,6 @@ def weighted_moves(proposal: Proposal | None = None) -> tuple[WeightedMove, ...]
             for kept in KEPT
         ]
         local = _share(partial, PARTIAL_SHARE) + _share(local, 1 - PARTIAL_SHARE)
-    if proposal is None:
-        return tuple(local)
     # local moves hardly move a walker on what takes many kernels: a sheet that is thin
     on_sheet = isinstance(proposal.density, Kernels)
     share = LARGEST_SHARE if on_sheet else independence_share(proposal.efficiency)
@@ -279,12 +278,8 @@ def draw(
 
     Parameters
     ----------
-    ground
-        The density, and the way down to it.
-    modes
-        Modes that are known, shape (m, d).
-    rng
-        Source of all randomness.
+    ground, modes, rng
+        As for `two_origins`.
     settings
         Size, length and stop rule; `max_steps` is the limit of all steps together.
     tell
@@ -342,8 +337,11 @@ def draw(
         kept = chains.theta[:, chains.held_burn_in :]
         draws, value = kept.reshape(-1, kept.shape[-1]), chains.log_density[:, chains.held_burn_in :].ravel()
         some = np.linspace(0, len(draws) - 1, _LOOKED_AT).astype(int)
-        misses = proposal.efficiency_among(draws[some], value[some]) < _STATED * proposal.efficiency
-        done = chains.converged and not (misses and steps is not None and chains.steps <= last)
+        done = chains.converged and (
+            steps is None
+            or chains.steps > last
+            or not proposal.efficiency_among(draws[some], value[some]) < _STATED * proposal.efficiency
+        )
         if chains.steps == left or done or budget.is_spent:
             break
         discarded += chains.steps
